@@ -44,6 +44,7 @@ _KEPT = 0.4  # of it is kept for the report at most
 _SURE = 0.85  # of the time left is what parts are planned for
 _TAKEN = 0.8  # of what is planned is what long fits take; counted on where nobody asked for the limit
 ALLOWED = 250.0  #: [s] for a fit without a limit, before it writes its page
+_WAYS = 2  # as long as a plain fit over the shortest horizon: with a heavy prior at first, and by the tolerant loss
 _LEVELS = 16  # of armature and damping, in ``beginning``
 _DISCREPANCIES = 9  # linearisations of the log that tell how far a wrong model's parameters move
 _BISECTIONS = 5  # sets of draws
@@ -156,8 +157,8 @@ class Plan:
         starts = b.starts * (speed.fit(rest * some(b.search_rows), b.start_iterations)) if b.starts > 1 else 0.0
         return {
             "beginning": self.begins * _LEVELS * some(b.survey_rows) * speed.candidate,
-            "sliding": (self.rivals > 0) * 2 * (1 + self.rivals) * survey,
-            "survey": (tried + 0.5 * (tried > 0) + self.floats * (2 - (self.rivals > 0))) * survey
+            "sliding": (self.rivals > 0) * (2 + self.states * _WAYS) * (1 + self.rivals) * survey,
+            "survey": (tried + (0.5 + _WAYS) * (tried > 0) + self.floats * (2 - (self.rivals > 0))) * survey
             + self.states * 4 * b.noise_rows * speed.step,
             "choice": trials * (self.chooses * trial + self.adds * whole),
             "starts": search if self.searches else bool(self.folds) * starts,

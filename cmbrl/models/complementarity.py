@@ -248,7 +248,7 @@ class ComplementarityModel(Variations):
 
         Every window is predicted open loop, from states of each candidate's own if ``windows`` have such. The Huber
         loss of (prediction - log) / scale is summed over coordinates and averaged over steps and windows. A failed
-        solve adds a large constant.
+        solve adds a large constant. What is beyond the ``level`` of windows counts by its logarithm.
         """
         data, scales = windows.data, windows.scales
         q, v = windows.begin(self.scene)
@@ -257,7 +257,7 @@ class ComplementarityModel(Variations):
             real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,
             self.stepper.options, self.threads,
         )  # fmt: skip
-        return losses.mean(axis=1) / windows.horizon
+        return windows.counted(losses / windows.horizon).mean(axis=1)
 
     def smooth_dynamics(
         self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None, contacts: bool = True

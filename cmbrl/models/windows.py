@@ -98,6 +98,7 @@ class Windows:
     ``offset`` (S, k): how far each start is from the logged state, along ``scales.uncertain``; None for not at all,
     (C, S, k) where each of C candidates has its own.
     ``own``: the scales of each of several logs, if they differ; all have the same ``uncertain`` and ``counts``.
+    ``level``: the loss from which on only the logarithm of a window's loss counts (Cauchy's; of exact starts).
     Raises UserError for a window that leaves the log.
     """
 
@@ -107,6 +108,7 @@ class Windows:
     scales: Scales
     offset: np.ndarray | None = None
     own: tuple[Scales, ...] = ()
+    level: float = np.inf
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "starts", np.ascontiguousarray(self.starts, dtype=np.int64))
@@ -142,6 +144,14 @@ class Windows:
         """Inverse standard deviations (S, k) or (1, k) of the starts along ``scales.uncertain``."""
         precision = np.stack([scales.start_precision for scales in self.own or (self.scales,)])
         return precision[self.recording] if self.own else precision
+
+    def counted(self, losses: np.ndarray) -> np.ndarray:
+        """What ``losses`` (..., S) of windows count: ``level`` log(1 + loss / level)."""
+        return self.level * np.log1p(losses / self.level) if self.level < np.inf else losses
+
+    def weight(self, losses: np.ndarray) -> np.ndarray:
+        """The derivative (..., S) of ``counted``."""
+        return 1.0 / (1.0 + losses / self.level)
 
     def by_scales(self) -> list[Windows]:
         """The windows apart by their scales, so that each part has common ones."""

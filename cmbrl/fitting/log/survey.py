@@ -204,6 +204,8 @@ class Surveyor:
     ) -> np.ndarray:  # fmt: skip
         """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides.
 
+        With those, also by the tolerant loss: single windows whose contacts make or break do not stop it.
+
         Of a noisy log, most of the errors that remain are noise: a prior that they weigh again would let it be fitted.
         """
         evidence, space = self.evidence, self.evidence.space
@@ -218,6 +220,9 @@ class Surveyor:
         if noise is not None:
             return reweighed(loss, space, self.chosen, z, *work, passes=1)
         found = [reweighed(loss, space, self.chosen, z, *work, way) for way in (0.0, *heavy)]
+        if heavy:
+            tolerant = reweighed(loss, space, self.chosen, z, *work, tolerant=True)
+            found.append(reweighed(loss, space, self.chosen, tolerant, *work))
         return _best(loss, space, np.array(found))
 
     def _score(self, z: np.ndarray) -> float:

@@ -69,6 +69,7 @@ def reweighed(
     journal: Journal,
     heavy: float = 0.0,
     passes: int = 12,
+    tolerant: bool = False,
 ) -> np.ndarray:
     """Where (n,) passes of ``iterations`` lead from ``start`` (n,), each with the prior weighed by what errors remain.
 
@@ -78,7 +79,8 @@ def reweighed(
     """
     z, before = start, np.inf
     for _ in range(passes):
-        objective = Objective.at(loss, space, active, z, heavy)
+        own = loss.tolerant(space.theta(z)) if tolerant else loss
+        objective = Objective.at(own, space, active, z, heavy)
         if objective.variance > heavy:  # the prior is as light as the errors make it
             if not objective.remaining < _FALLS * before:
                 break

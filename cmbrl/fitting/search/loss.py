@@ -6,6 +6,9 @@
 scale_c is the standard deviation of the logged one-step change of coordinate c (positions in the tangent space, [m] or
 [rad]; velocities [m/s] or [rad/s]), so an error of 1 is that of predicting the mean change. In a log with sensor noise
 every window may start away from the logged state, and pays for it (``starts``).
+
+Where contacts make and break, a parameter that moves by little may throw a window far off, and a few such windows hide
+what all others gain: searches stop early. ``tolerant`` counts them by the logarithm of their loss.
 """
 
 from __future__ import annotations
@@ -28,6 +31,7 @@ _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few 
 _PARTS = 4  # of the windows, after each of which a candidate may be given up
 _SIDE_BY_SIDE = 8  # windows that the core predicts as fast as one
 _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
+_EXACT = 1e-8  # loss of a coordinate that the solver's accuracy leaves
 _RISE = 1e-6  # of the loss: more than round-off
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
 
@@ -106,6 +110,18 @@ class PredictionLoss:
     def on(self, starts: np.ndarray) -> PredictionLoss:
         """The same loss over the windows from other ``starts``."""
         return replace(self, windows=self.windows.on(starts))
+
+    def tolerant(self, theta: np.ndarray) -> PredictionLoss:
+        """The same loss in which windows beyond the usual one at ``theta`` (n,) count by the logarithm of their loss.
+
+        Usual is the median. A search by it goes on where single windows jump; what it finds is judged by the plain one.
+        The same object for a log whose starts are open.
+        """
+        if self.windows.scales.noise is not None:
+            return self
+        plain = replace(self, windows=replace(self.windows, level=np.inf))
+        usual = float(np.median(plain.errors_from_here(theta).loss))
+        return replace(self, windows=replace(self.windows, level=max(usual, _EXACT * self.windows.scales.observed)))
 
     @property
     def steps(self) -> int:
@@ -206,7 +222,8 @@ class PredictionLoss:
     def errors_from_here(self, theta: np.ndarray) -> Errors:
         """The same from where the windows start."""
         residual, failures = self.residuals(theta)
-        value = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1) + self._price(self.windows.offset)
+        value = self.windows.counted(huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1))
+        value = value + self._price(self.windows.offset)
         return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
 
     def normal_equations(self, space: Space, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
@@ -233,6 +250,8 @@ class PredictionLoss:
             residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
             alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
+            own = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon
+            weight *= self.windows.weight(own)[:, None]
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
             rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(residual.size, len(told))
             hessian[np.ix_(told, told)] += rows.T @ rows
