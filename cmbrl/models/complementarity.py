@@ -243,21 +243,21 @@ class ComplementarityModel(Variations):
         nv, first = self.scene.nv, 2 * self.scene.nv + self.scene.inputs
         return r.q_next, r.v_next, r.jacobian[:, :nv, first:], r.jacobian[:, nv:, first:]
 
-    def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
-        """Mean loss (C,) of parameter candidates theta (C, np) over ``windows``, in one native batch.
+    def candidate_losses(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
+        """Losses (C, S) of parameter candidates theta (C, np) by window, in one native batch.
 
         Every window is predicted open loop, from states of each candidate's own if ``windows`` have such. The Huber
-        loss of (prediction - log) / scale is summed over coordinates and averaged over steps and windows. A failed
-        solve adds a large constant. What is beyond the ``level`` of windows counts by its logarithm.
+        loss of (prediction - log) / scale is summed over coordinates and averaged over steps. A failed solve adds a
+        large constant.
         """
         data, scales = windows.data, windows.scales
         q, v = windows.begin(self.scene)
-        losses = self.stepper.core.loss(
+        losses: np.ndarray = self.stepper.core.loss(
             q, v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
             real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,
             self.stepper.options, self.threads,
         )  # fmt: skip
-        return windows.counted(losses / windows.horizon).mean(axis=1)
+        return losses / windows.horizon
 
     def smooth_dynamics(
         self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None, contacts: bool = True

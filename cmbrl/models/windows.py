@@ -98,7 +98,7 @@ class Windows:
     ``offset`` (S, k): how far each start is from the logged state, along ``scales.uncertain``; None for not at all,
     (C, S, k) where each of C candidates has its own.
     ``own``: the scales of each of several logs, if they differ; all have the same ``uncertain`` and ``counts``.
-    ``level``: the loss from which on only the logarithm of a window's loss counts (Cauchy's; of exact starts).
+    ``level``: the loss from which on only the logarithm of a window's loss counts (Cauchy's).
     Raises UserError for a window that leaves the log.
     """
 
@@ -145,6 +145,13 @@ class Windows:
         precision = np.stack([scales.start_precision for scales in self.own or (self.scales,)])
         return precision[self.recording] if self.own else precision
 
+    @property
+    def price(self) -> np.ndarray:
+        """What windows pay for their ``offset``, by step: (S,), (C, S) as there, or (1,) without one."""
+        if self.offset is None:
+            return np.zeros(1)
+        return huber(self.offset * self.start_precision, self.scales.huber).sum(axis=-1) / self.horizon
+
     def counted(self, losses: np.ndarray) -> np.ndarray:
         """What ``losses`` (..., S) of windows count: ``level`` log(1 + loss / level)."""
         return self.level * np.log1p(losses / self.level) if self.level < np.inf else losses
@@ -153,12 +160,12 @@ class Windows:
         """The derivative (..., S) of ``counted``."""
         return 1.0 / (1.0 + losses / self.level)
 
-    def by_scales(self) -> list[Windows]:
-        """The windows apart by their scales, so that each part has common ones."""
+    def by_scales(self) -> list[tuple[np.ndarray, Windows]]:
+        """The windows apart by their scales, so that each part has common ones, with a mask (S,) of which they are."""
         if not self.own:
-            return [self]
+            return [(np.ones(len(self.starts), dtype=bool), self)]
         chosen = [(scales, self.recording == k) for k, scales in enumerate(self.own)]
-        return [replace(self.some(rows), scales=scales, own=()) for scales, rows in chosen if rows.any()]
+        return [(rows, replace(self.some(rows), scales=scales, own=())) for scales, rows in chosen if rows.any()]
 
     def some(self, rows: np.ndarray) -> Windows:
         """Those windows in ``rows``: a mask (S,), or numbers."""
@@ -181,6 +188,12 @@ class Windows:
         moved = np.zeros((*self.offset.shape[:-1], 2 * scene.nv))
         moved[..., self.scales.uncertain] = self.offset
         return scene.integrate(q, moved[..., : scene.nv]), v + moved[..., scene.nv :]
+
+
+def huber(residual: np.ndarray, delta: float) -> np.ndarray:
+    """rho(r), elementwise: r^2 / 2 up to ``delta``, then as its tangent there."""
+    size = np.abs(residual)
+    return np.where(size <= delta, 0.5 * residual**2, delta * (size - 0.5 * delta))
 
 
 def blocks_of(data: Transitions) -> np.ndarray:

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.search.loss import huber as huber_loss
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
+from cmbrl.models.windows import huber as huber_loss
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import Parameter
 
@@ -141,10 +141,10 @@ class CartModel:
             found = np.concatenate([position, velocity], axis=1)[:, :, wanted]
         return SimpleNamespace(q_next=q + H * v_next, v_next=v_next, status=np.zeros(len(q), int), jacobian=found)
 
-    def candidate_loss(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
+    def candidate_losses(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
         self.calls += 1
         data, starts, horizon, scales = windows.data, windows.starts, windows.horizon, windows.scales
-        losses = np.zeros(len(theta))
+        losses = np.zeros((len(theta), len(starts)))
         for c, candidate in enumerate(theta):
             a, b = (x if x.ndim == 2 else x[c] for x in windows.begin(self.scene))
             for j in range(horizon):
@@ -152,7 +152,7 @@ class CartModel:
                 step = self.predict(a, b, data.u[rows], candidate)
                 a, b = step.q_next, step.v_next
                 residual = np.hstack([(a - data.q_next[rows]) / scales.q, (b - data.v_next[rows]) / scales.v])
-                losses[c] += huber_loss(residual, scales.huber).sum() / (len(starts) * horizon)
+                losses[c] += huber_loss(residual, scales.huber).sum(axis=1) / horizon
         return losses
 
 

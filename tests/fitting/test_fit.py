@@ -84,15 +84,15 @@ class Killed(BaseException):
 
 
 def _killed_after(model, calls, error, times=1000):
-    whole, left = model.candidate_loss, [times]
+    whole, left = model.candidate_losses, [times]
 
-    def candidate_loss(*arguments):
+    def candidate_losses(*arguments):
         if model.calls >= calls and left[0]:
             left[0] -= 1
             raise error
         return whole(*arguments)
 
-    model.candidate_loss = candidate_loss
+    model.candidate_losses = candidate_losses
     return model
 
 

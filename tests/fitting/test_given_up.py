@@ -28,9 +28,9 @@ def test_what_is_beyond_the_bound_is_infinite_and_the_rest_as_it_was(carts, nois
     np.testing.assert_allclose(found[below], whole[below], rtol=1e-12)
     assert np.isinf(found[~below]).all()
     predicted = []
-    loses = loss.model.candidate_loss
+    loses = loss.model.candidate_losses
     object.__setattr__(
-        loss.model, "candidate_loss", lambda t, w: predicted.append(len(t) * len(w.starts)) or loses(t, w)
+        loss.model, "candidate_losses", lambda t, w: predicted.append(len(t) * len(w.starts)) or loses(t, w)
     )
     loss.values(theta, offset, extra, 1.01 * float(whole.min()))
     assert sum(predicted) < 0.9 * 12 * len(starts)

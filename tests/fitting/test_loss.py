@@ -57,6 +57,37 @@ def test_gradient_equals_finite_differences(setup):
     np.testing.assert_allclose(by_episode, equations.gradient, atol=1e-12)
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_gradient_of_the_tolerant_loss_equals_finite_differences(carts, noise):
+    data = carts.record(carts.truth(2, damping_0=2.0, gear_1=0.5, tilt=0.5), episodes=5, steps=20)
+    evidence = Evidence.of(carts.model(2), data)
+    space, n = evidence.space, len(evidence.space)
+    of_sensors = None if noise == 0.0 else np.full((1, 2 * evidence.model.scene.nv), noise)
+    loss = evidence.loss(data.windows(2), 2, *evidence.scales(2, 0.3, of_sensors))
+    z = 0.1 + 0.2 * np.random.default_rng(1).normal(size=n) ** 2
+    loss = loss.tolerant(space.theta(z))
+    assert (loss.windows.offset is None) is (noise == 0.0)
+    equations = loss.normal_equations(space, z)
+    step = 1e-5 * np.eye(n)
+
+    def settled(z):  # the best starts move with the parameters, and their first-order effect is none
+        return np.array([loss.settled(theta).values(theta[None])[0] for theta in space.theta(z)])
+
+    numeric = (settled(z + step) - settled(z - step)) / 2e-5
+    np.testing.assert_allclose(equations.gradient, numeric, rtol=1e-3, atol=1e-6)
+    assert np.linalg.eigvalsh(equations.hessian).min() > -1e-12
+
+
+def test_windows_far_off_count_by_their_logarithm(setup):
+    space, loss = setup
+    theta = space.theta(0.1 * np.ones(len(space)))
+    own, plain = loss.tolerant(theta), loss.errors(theta).loss
+    level = np.median(plain)
+    assert own.windows.level == pytest.approx(level)
+    np.testing.assert_allclose(own.errors(theta).loss, level * np.log1p(plain / level))
+    assert own.tolerant(theta).windows.level == pytest.approx(level)  # of the plain loss again
+
+
 def test_equations_over_some_columns_are_those_of_all_with_zeros(setup):
     space, loss = setup
     z = 0.1 * np.ones(len(space))

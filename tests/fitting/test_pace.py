@@ -42,7 +42,7 @@ def slow(carts, clock) -> Slow:
 
     def made(seconds: float) -> Any:
         model = carts.model(2)
-        predict, losses = model.predict, model.candidate_loss
+        predict, losses = model.predict, model.candidate_losses
 
         def slow_predict(q, v, u, theta=None, jacobian=False, parameter_jacobian=None):
             clock.now += seconds * len(q) * (CANDIDATES if jacobian else 1)
@@ -51,7 +51,7 @@ def slow(carts, clock) -> Slow:
         def slow_losses(theta, windows):  # predicts by the slow one
             return losses(theta, windows)
 
-        model.predict, model.candidate_loss = slow_predict, slow_losses
+        model.predict, model.candidate_losses = slow_predict, slow_losses
         return model
 
     return made

@@ -123,7 +123,7 @@ def test_loss_of_candidates_is_the_same_on_two_threads(model: ComplementarityMod
     theta = model.parameters * rng.uniform(0.9, 1.0, (13, len(model.parameters)))
     log = Transitions(q=q, v=v, u=u, q_next=r.q_next, v_next=r.v_next, dt=model.dt, episode=np.zeros(len(q)))
     windows = Windows(log, np.arange(79), 1, Scales(np.ones(nv), np.ones(nv), 1.0))
-    one, two = (m.candidate_loss(theta, windows) for m in (model, model.with_settings(threads=2)))
+    one, two = (m.candidate_losses(theta, windows) for m in (model, model.with_settings(threads=2)))
     np.testing.assert_array_equal(one, two)
     assert (one > 0).all()
 

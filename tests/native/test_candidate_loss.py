@@ -11,9 +11,8 @@ from cmbrl.bench.states import random_states
 from cmbrl.contact import Barrier
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
-from cmbrl.fitting.search.loss import huber
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.windows import Scales, Windows
+from cmbrl.models.windows import Scales, Windows, huber
 from cmbrl.scene import Scene
 
 from .test_batches import CALM, CUBE, HOPPER
@@ -63,7 +62,7 @@ def by_steps(model: ComplementarityModel, theta: np.ndarray, windows: Windows) -
 @pytest.mark.parametrize("candidates", [1, 2, 3, 5, 9])
 def test_every_candidate_has_its_own_starts(model: ComplementarityModel, candidates: int) -> None:
     windows, theta = noisy_windows(model, candidates)
-    found = model.candidate_loss(theta, windows)
+    found = model.candidate_losses(theta, windows).mean(axis=1)
     assert windows.offset is not None
     wanted = [by_steps(model, t, replace(windows, offset=o)) for t, o in zip(theta, windows.offset, strict=True)]
     np.testing.assert_allclose(found, wanted, rtol=1e-7)
@@ -72,20 +71,21 @@ def test_every_candidate_has_its_own_starts(model: ComplementarityModel, candida
 def test_common_starts_are_those_of_every_candidate(model: ComplementarityModel) -> None:
     windows, theta = noisy_windows(model, 3)
     assert windows.offset is not None
-    common = model.candidate_loss(theta, replace(windows, offset=windows.offset[0]))
-    same = model.candidate_loss(theta, replace(windows, offset=np.tile(windows.offset[:1], (3, 1, 1))))
+    common = model.candidate_losses(theta, replace(windows, offset=windows.offset[0])).mean(axis=1)
+    tiled = replace(windows, offset=np.tile(windows.offset[:1], (3, 1, 1)))
+    same = model.candidate_losses(theta, tiled).mean(axis=1)
     np.testing.assert_array_equal(common, same)
 
 
 def test_a_window_that_is_not_finite_leaves_the_others_alone(model: ComplementarityModel) -> None:
     windows, theta = noisy_windows(model, 1)
     assert windows.offset is not None
-    wanted = model.candidate_loss(theta, windows)
+    wanted = model.candidate_losses(theta, windows).mean(axis=1)
     others = np.delete(windows.offset, 4, axis=1)
-    rest = model.candidate_loss(theta, replace(windows, starts=np.delete(STARTS, 4), offset=others))
+    rest = model.candidate_losses(theta, replace(windows, starts=np.delete(STARTS, 4), offset=others)).mean(axis=1)
     bad = windows.offset.copy()
     bad[:, 4] = np.nan
-    found = model.candidate_loss(theta, replace(windows, offset=bad))
+    found = model.candidate_losses(theta, replace(windows, offset=bad)).mean(axis=1)
     assert found[0] > 1e10 > wanted[0]
     share = found[0] - 1e15 / (len(STARTS) * HORIZON)  # the sum of the others, over all windows
     np.testing.assert_allclose(share, rest[0] * (len(STARTS) - 1) / len(STARTS), rtol=1e-2)
@@ -95,17 +95,18 @@ def test_a_window_that_explodes_is_lost_and_leaves_the_others_alone(model: Compl
     windows, theta = noisy_windows(model, 1)
     assert windows.offset is not None
     steady = np.delete(windows.offset, 4, axis=1)
-    rest = model.candidate_loss(theta, replace(windows, starts=np.delete(STARTS, 4), offset=steady))
+    rest = model.candidate_losses(theta, replace(windows, starts=np.delete(STARTS, 4), offset=steady)).mean(axis=1)
     fast = windows.offset.copy()
     fast[:, 4, model.scene.nv :] = 1e150
     lost = 1e15 / (len(STARTS) * HORIZON)
-    share = model.candidate_loss(theta, replace(windows, offset=fast))[0] - lost
+    share = model.candidate_losses(theta, replace(windows, offset=fast)).mean(axis=1)[0] - lost
     np.testing.assert_allclose(share, rest[0] * (len(STARTS) - 1) / len(STARTS), rtol=1e-2)
     everywhere = np.broadcast_to(fast[:, 4:5], fast.shape)
-    np.testing.assert_allclose(model.candidate_loss(theta, replace(windows, offset=everywhere)), lost * len(STARTS))
+    all_lost = model.candidate_losses(theta, replace(windows, offset=everywhere))
+    np.testing.assert_allclose(all_lost.mean(axis=1), lost * len(STARTS))
 
 
 def test_starts_of_another_number_of_candidates_are_refused(model: ComplementarityModel) -> None:
     windows, theta = noisy_windows(model, 3)
     with pytest.raises(UserError, match=r"^array 'q' has the shape \(3, 11, \d+\); give \(2, 11, \d+\)"):
-        model.candidate_loss(theta[:2], windows)
+        model.candidate_losses(theta[:2], windows)

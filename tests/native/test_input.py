@@ -87,14 +87,14 @@ def test_the_loss_of_a_control_that_is_not_finite_is_the_worst(model: Complement
     u = np.zeros((40, model.scene.nu))
     u[7, 0] = bad
     theta = model.parameters[None]
-    assert model.candidate_loss(theta, windows(model, [8, 9], u=u))[0] < 1e6
-    assert model.candidate_loss(theta, windows(model, [7, 9], u=u))[0] > 1e14
+    assert model.candidate_losses(theta, windows(model, [8, 9], u=u)).mean() < 1e6
+    assert model.candidate_losses(theta, windows(model, [7, 9], u=u)).mean() > 1e14
 
 
 @pytest.mark.parametrize("start", [-1, 40, 2**63 - 1])
 def test_a_window_outside_the_log_is_refused(model: ComplementarityModel, start: int) -> None:
     with pytest.raises(UserError, match=f"start {start} .* leaves the log of 40 rows"):
-        model.candidate_loss(model.parameters[None], windows(model, [start]))
+        model.candidate_losses(model.parameters[None], windows(model, [start]))
 
 
 @pytest.mark.parametrize("value", [np.nan, -1.0, np.inf])
@@ -117,7 +117,7 @@ def test_a_parameter_without_a_meaning_is_named(model: ComplementarityModel, gro
     ):
         with pytest.raises(UserError, match=rf"^parameter {names[k]} = \S+; .*\[.*\]$"):
             call()
-    for call in (lambda: model.predict(q, v, u, rows), lambda: model.candidate_loss(rows, windows(model, [0]))):
+    for call in (lambda: model.predict(q, v, u, rows), lambda: model.candidate_losses(rows, windows(model, [0]))):
         with pytest.raises(UserError, match=rf"^parameter {names[k]} = \S+ in row 2; .*\[.*\]$"):
             call()
 

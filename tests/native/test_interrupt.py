@@ -53,7 +53,7 @@ def calls(model: ComplementarityModel, count: int) -> dict[str, Callable[[], obj
         "many rows": lambda: model.predict(q, v, u),
         "jacobian": lambda: model.predict(*(x[: count // 4] for x in (q, v, u)), jacobian=True),
         "many substeps": lambda: long.predict(*few),
-        "loss": lambda: model.candidate_loss(np.tile(model.parameters, (64, 1)), windows),
+        "loss": lambda: model.candidate_losses(np.tile(model.parameters, (64, 1)), windows),
         "problems": lambda: [many.native().solve(1e-13, np.full(len(many.M), 1e-9), model.threads) for _ in range(100)],
     }
 

@@ -23,9 +23,10 @@ from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.search.beginning import beginning
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.search.gauss_newton import reweighed
-from cmbrl.fitting.search.loss import PredictionLoss, huber
+from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.state import Journal
+from cmbrl.models.windows import huber
 from cmbrl.scene.records import Joint, JointKind, TieKind
 
 _DEGREES, _MILLIMETRES = 180.0 / np.pi, 1e3

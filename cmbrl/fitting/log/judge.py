@@ -9,10 +9,9 @@ import numpy as np
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.log.evidence import HORIZONS, LEAST_WINDOWS, Evidence
-from cmbrl.fitting.search.loss import huber
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import REST
-from cmbrl.models.windows import least_units, spread
+from cmbrl.models.windows import huber, least_units, spread
 
 _JUDGED, _JUDGED_ROWS = 500, 20_000  # windows at most, and predicted rows
 RIGHT = 1e-4  #: loss of a coordinate (1 % of its change) below which it is right

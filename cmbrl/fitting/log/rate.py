@@ -21,10 +21,11 @@ from cmbrl.fitting.log.sliding import rivals
 from cmbrl.fitting.search.beginning import beginning, begins
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.fitting.search.gauss_newton import reweighed
-from cmbrl.fitting.search.loss import PredictionLoss, huber
+from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import DELAY, LAG
+from cmbrl.models.windows import huber
 
 _FACTORS = (0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0)  # by which rates are mistaken
 _CLEARLY = 0.5  # of the loss at the log's own step

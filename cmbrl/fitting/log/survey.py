@@ -32,6 +32,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 
 _HEAVY = 1e4  # variance that weighs the prior at first, on one of two ways: as if errors were 100 times the change
 _NEARLY = 0.005  # of the logarithm of the error
+_PASSES = 12  # of a log without noise
 _SAME = 1e-9  # relative difference of two losses that rounding explains
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 
@@ -183,28 +184,28 @@ class Surveyor:
         """
         before: list[np.ndarray] = []
         for h in sorted(horizons):
-            heavy = () if before or len(horizons) == 1 else (_HEAVY,)  # the shortest costs the least
-            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, heavy=heavy)]
+            first = not before  # the shortest, which costs the least
+            heavy = (_HEAVY,) if first and len(horizons) > 1 else ()
+            tolerant = first and not self.evidence.positions_only
+            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, heavy=heavy, tolerant=tolerant)]
             yield h, before[0]
 
     def _fit(
         self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, heavy: Sequence[float] = (),
-        left: np.ndarray | None = None,
+        tolerant: bool = False, left: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
         self.journal.check_time()
         self.journal.report(0.02, name)
-        fitted = self.journal.unit(
-            self.label + name, lambda: {"z": self._fitted(horizon, noise, np.array(starts), heavy, left).tolist()}
-        )
-        return np.array(fitted["z"])
+        work = (horizon, noise, np.array(starts), heavy, tolerant, left)
+        return np.array(self.journal.unit(self.label + name, lambda: {"z": self._fitted(*work).tolist()})["z"])
 
     def _fitted(
-        self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float],
+        self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float], tolerant: bool,
         left: np.ndarray | None,
     ) -> np.ndarray:  # fmt: skip
         """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides.
 
-        With those, also by the tolerant loss: single windows whose contacts make or break do not stop it.
+        ``tolerant``: also by the tolerant loss, which single windows do not stop whose contacts make or break.
 
         Of a noisy log, most of the errors that remain are noise: a prior that they weigh again would let it be fitted.
         """
@@ -217,12 +218,11 @@ class Surveyor:
             return begin[0]
         z = _best(loss, space, begin)
         work = (self.iterations, self.journal)
-        if noise is not None:
-            return reweighed(loss, space, self.chosen, z, *work, passes=1)
-        found = [reweighed(loss, space, self.chosen, z, *work, way) for way in (0.0, *heavy)]
-        if heavy:
-            tolerant = reweighed(loss, space, self.chosen, z, *work, tolerant=True)
-            found.append(reweighed(loss, space, self.chosen, tolerant, *work))
+        ways, passes = ((0.0, *heavy), _PASSES) if noise is None else ((0.0,), 1)
+        found = [reweighed(loss, space, self.chosen, z, *work, way, passes) for way in ways]
+        if tolerant:
+            on = reweighed(loss, space, self.chosen, z, *work, passes=passes, tolerant=True)
+            found.append(reweighed(loss, space, self.chosen, on, *work, passes=passes))
         return _best(loss, space, np.array(found))
 
     def _score(self, z: np.ndarray) -> float:
@@ -245,7 +245,10 @@ class Surveyor:
 
 def _best(loss: PredictionLoss, space: Space, z: np.ndarray) -> np.ndarray:
     """The row of ``z`` (k, n) of the lowest loss."""
-    return z[int(np.argmin(np.nan_to_num(loss.values(space.theta(z)), nan=np.inf)))] if len(z) > 1 else z[0]
+    if len(z) == 1:
+        return z[0]
+    values = [loss.settled(theta).values(theta[None])[0] for theta in space.theta(z)]
+    return z[int(np.argmin(np.nan_to_num(values, nan=np.inf)))]
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:

@@ -68,7 +68,7 @@ def reweighed(
     iterations: int,
     journal: Journal,
     heavy: float = 0.0,
-    passes: int = 12,
+    passes: int = 1,
     tolerant: bool = False,
 ) -> np.ndarray:
     """Where (n,) passes of ``iterations`` lead from ``start`` (n,), each with the prior weighed by what errors remain.

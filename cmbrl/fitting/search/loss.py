@@ -22,7 +22,7 @@ from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.starts import Follow, Settling, StartEquations
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
-from cmbrl.models.windows import Windows
+from cmbrl.models.windows import Windows, huber
 from cmbrl.native import SolverStatus
 
 ALIKE = 10  # rows that count as one where windows are too short to tell; see ``objective``
@@ -34,12 +34,6 @@ _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivativ
 _EXACT = 1e-8  # loss of a coordinate that the solver's accuracy leaves
 _RISE = 1e-6  # of the loss: more than round-off
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
-
-
-def huber(residual: np.ndarray, delta: float) -> np.ndarray:
-    """rho(r), elementwise."""
-    size = np.abs(residual)
-    return np.where(size <= delta, 0.5 * residual**2, delta * (size - 0.5 * delta))
 
 
 def alike_rows(residual: np.ndarray) -> float:
@@ -115,13 +109,10 @@ class PredictionLoss:
         """The same loss in which windows beyond the usual one at ``theta`` (n,) count by the logarithm of their loss.
 
         Usual is the median. A search by it goes on where single windows jump; what it finds is judged by the plain one.
-        The same object for a log whose starts are open.
         """
-        if self.windows.scales.noise is not None:
-            return self
-        plain = replace(self, windows=replace(self.windows, level=np.inf))
+        plain = replace(self, windows=replace(self.windows, level=np.inf)).settled(theta)
         usual = float(np.median(plain.errors_from_here(theta).loss))
-        return replace(self, windows=replace(self.windows, level=max(usual, _EXACT * self.windows.scales.observed)))
+        return replace(plain, windows=replace(plain.windows, level=max(usual, _EXACT * plain.windows.scales.observed)))
 
     @property
     def steps(self) -> int:
@@ -147,7 +138,6 @@ class PredictionLoss:
         physical, psi = self.observation.split(theta)
         ways, way = np.unique(psi, axis=0, return_inverse=True)  # candidates that see the log in the same way
         out = np.zeros(len(theta)) + extra
-        out += self._price(self.windows.offset if offset is None else offset).mean(axis=-1)
         for k, same in enumerate(ways):
             windows, members = self._seen(same), np.flatnonzero(way.ravel() == k)
             for some in np.array_split(members, -(-len(members) * self.steps // _ROWS_AT_ONCE)):
@@ -155,7 +145,7 @@ class PredictionLoss:
                     self._add_below(out, some, physical, windows, offset, most)
                 else:
                     seen = windows if offset is None else replace(windows, offset=offset[some])
-                    out[some] += self._shared(physical[some], seen)
+                    out[some] += self._by_window(physical[some], seen).mean(axis=1)
         return out
 
     def _add_below(
@@ -174,18 +164,19 @@ class PredictionLoss:
         ends = _SIDE_BY_SIDE * (np.arange(1, parts) * (count // _SIDE_BY_SIDE) // parts)
         for rows in np.split(order, ends):
             seen = (windows if offset is None else replace(windows, offset=offset[members])).some(rows)
-            out[members] += self._shared(physical[members], seen) * (len(seen.starts) / count)
+            out[members] += self._by_window(physical[members], seen).sum(axis=1) / count
             beyond = out[members] > most
             out[members[beyond]] = np.inf
             members = members[~beyond]
             if not len(members):
                 return
 
-    def _shared(self, physical: np.ndarray, windows: Windows) -> np.ndarray:
-        """Mean losses (C,) over windows of which each log may have scales of its own."""
-        parts = windows.by_scales()
-        shares = np.array([len(part.starts) for part in parts]) / len(windows.starts)
-        return np.stack([self.model.candidate_loss(physical, part) for part in parts], axis=1) @ shares
+    def _by_window(self, physical: np.ndarray, windows: Windows) -> np.ndarray:
+        """What each window counts (C, S), with the price of its start; each log may have scales of its own."""
+        losses = np.empty((len(physical), len(windows.starts)))
+        for rows, part in windows.by_scales():
+            losses[:, rows] = self.model.candidate_losses(physical, part)
+        return windows.counted(losses + windows.price)
 
     def starting(self, offset: np.ndarray) -> PredictionLoss:
         """The same loss with the windows starting at ``offset`` (S, k) from the logged states."""
@@ -202,18 +193,12 @@ class PredictionLoss:
             return found.residual, found.slope
 
         def cost(residual: np.ndarray, offset: np.ndarray) -> np.ndarray:
-            value = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon + self._price(offset)
+            value = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon
+            value += replace(self.windows, offset=offset).price
             return np.where(np.isfinite(value), value, np.inf)
 
         start = np.zeros((count, len(scales.uncertain))) if self.windows.offset is None else self.windows.offset
         return self.starting(Settling(at, cost, self.windows.start_precision, scales.huber).run(start))
-
-    def _price(self, offset: np.ndarray | None) -> np.ndarray:
-        """What each window pays for its ``offset`` (..., S, k), by step."""
-        if offset is None:
-            return np.zeros(1)
-        away = offset * self.windows.start_precision
-        return huber(away, self.windows.scales.huber).sum(axis=-1) / self.windows.horizon
 
     def errors(self, theta: np.ndarray) -> Errors:
         """Errors of one parameter set (n,) by window from its best start; a failed step counts as it ended."""
@@ -222,8 +207,8 @@ class PredictionLoss:
     def errors_from_here(self, theta: np.ndarray) -> Errors:
         """The same from where the windows start."""
         residual, failures = self.residuals(theta)
-        value = self.windows.counted(huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1))
-        value = value + self._price(self.windows.offset)
+        loss = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1)
+        value = self.windows.counted(loss + self.windows.price)
         return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
 
     def normal_equations(self, space: Space, z: np.ndarray, active: np.ndarray | None = None) -> NormalEquations:
@@ -250,12 +235,12 @@ class PredictionLoss:
             residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
             alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
-            own = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon
-            weight *= self.windows.weight(own)[:, None]
+            loss = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon
+            counts = self.windows.weight(loss + np.broadcast_to(self.windows.price, len(all_starts))[part])
             slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
-            rows = (np.sqrt(weight)[:, :, None] * jacobian).reshape(residual.size, len(told))
+            rows = (np.sqrt(weight * counts[:, None])[:, :, None] * jacobian).reshape(residual.size, len(told))
             hessian[np.ix_(told, told)] += rows.T @ rows
-            size += float((weight * residual**2).sum())
+            size += float((counts[:, None] * weight * residual**2).sum())
             if self.windows.offset is not None:
                 offset = self.windows.offset[part]
                 precision = self.windows.start_precision[part if self.windows.own else slice(None)]
@@ -263,9 +248,10 @@ class PredictionLoss:
                 cross = slope.transpose(0, 2, 1) @ (weight[:, :, None] * jacobian)  # (s, k, n)
                 solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
                 slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
-                hessian[np.ix_(told, told)] -= np.tensordot(cross, solved[:, :, 1:], axes=([0, 1], [0, 1]))
+                counted = counts[:, None, None] * cross
+                hessian[np.ix_(told, told)] -= np.tensordot(counted, solved[:, :, 1:], axes=([0, 1], [0, 1]))
                 followed.append(Follow.of(-solved, columns[told], len(space)))
-            np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), slopes)
+            np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), counts[:, None] * slopes)
         count = self.steps
         by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
         by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count

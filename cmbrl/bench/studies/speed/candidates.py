@@ -1,8 +1,8 @@
 """What it costs to score parameter candidates, per candidate and state, in three ways.
 
-Alone: one candidate after the other, each on a batch of states, one state a lane (``candidate_loss`` of one).
+Alone: one candidate after the other, each on a batch of states, one state a lane (``candidate_losses`` of one).
 States packed: the same by plain steps (``predict``).
-Candidates packed: a batch of candidates on one state after the other, one candidate a lane (``candidate_loss``). Its
+Candidates packed: a batch of candidates on one state after the other, one candidate a lane (``candidate_losses``). Its
 lanes share the state, and with it the contacts and nearly the number of solver iterations.
 """
 
@@ -35,7 +35,7 @@ def compare_candidates(
     alone = theta[:ALONE]
 
     def loss(of: np.ndarray) -> object:
-        return model.candidate_loss(of, windows)
+        return model.candidate_losses(of, windows)
 
     n = len(chosen)
     work: Work = {
