@@ -185,6 +185,8 @@ def run(arguments: argparse.Namespace) -> int:
             )
         if trainer.kept is not None:
             print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
+        if trainer.gradients:
+            print(f"{out}: {trainer.gradients}")
         if outcome.failed_trials:
             print(f"{out}: {foretold(outcome.failed_trials)}")
         if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner

@@ -205,6 +205,11 @@ class Loop(Trainer):
         """Those of the policy in training."""
         return self.trainer.conditions()
 
+    @property
+    def gradients(self) -> str:
+        """Of the policy in training."""
+        return self.trainer.gradients
+
     def failed_trials(self) -> dict[str, float]:
         """Those of the policy in training."""
         found = self.trainer.failed_trials()

@@ -51,6 +51,6 @@ def plot_metrics(rows: list[Row], path: Path, title: str) -> None:
 
 def _curve(axes: Any, rows: list[Row], x: str, y: str, colour: str, label: str | None = None) -> None:
     points = np.array([(row[x], row[y]) for row in rows if x in row and y in row])
-    if len(points) and np.isfinite(points).any():
+    if len(points) and np.isfinite(points[:, 1]).any():
         marker = "." if len(points) < 40 else ""
         axes.plot(points[:, 0], points[:, 1], color=colour, lw=1.0, marker=marker, label=label)

@@ -178,6 +178,8 @@ class TrainingRun:
             result["kept"] = self.trainer.kept
         trials = self.trainer.failed_trials() if stopped == FINISHED else {}
         result |= {"failed_trials": trials} if trials else {}
+        if self.trainer.gradients:
+            result["lost_gradients"] = self.trainer.gradients
         if self.trainer.earned:
             result["model_return"] = {name: round(x, 3) for name, x in self.trainer.earned.items()}
         known = {name: value if math.isfinite(value) else None for name, value in last.items()}
