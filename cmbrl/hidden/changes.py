@@ -12,12 +12,15 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from cmbrl.errors import UserError
+
 SPREAD, FRICTION = 0.3, (0.5, 1.5)  #: of masses, gears and damping; factor on every sliding friction
-PAYLOAD_SHARE, PAYLOAD_DENSITY = 0.3, 2000.0  #: of the mass that its body carries, itself included; kg/m^3, a sphere
+PAYLOAD_SHARE, HELD_SHARE = 0.3, 0.1  #: of the robot's mass: in its trunk; at the end of one that is mounted
+PAYLOAD_DENSITY = 2000.0  #: kg/m^3, a sphere
 PAYLOAD_AHEAD, PAYLOAD_ABOVE = (0.25, 0.75), (0.0, 1.0)  #: of half its body's length, either way; of half its height
 TIME_CONSTANT, IMPEDANCE, WIDTH, FLOOR_FRICTION = (0.01, 0.05), (0.7, 0.95), (0.003, 0.03), (0.7, 1.0)
 FRICTION_LOSS = (0.01, 0.04)  #: of a motor's largest torque
-REACH = 0.2  #: rad or m, off its target: where a servo without a limit is taken to give its largest torque
+REACH = 0.2  #: rad or m, off its target: where a servo is taken to give its largest torque, unless a limit is less
 _ON_JOINT = [int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT)]
 _SINGLE = [int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)]
 
@@ -50,7 +53,9 @@ def _strength(model: Any, k: int) -> float:
         limits.append(float(np.abs(model.jnt_actfrcrange[joint]).max()))
     if _plain(model)[k] and model.actuator_ctrllimited[k]:
         limits.append(gear * gain * float(np.abs(model.actuator_ctrlrange[k]).max()))
-    return min(limits) if limits else gear * gain * (1.0 if _plain(model)[k] else gear * REACH)
+    if not _plain(model)[k]:  # files limit servos by numbers that no motor has, such as 1,000 N m at a quadruped's hip
+        limits.append(gear * gain * gear * REACH)
+    return min(limits, default=gear * gain)
 
 
 def _plain(model: Any) -> np.ndarray:
@@ -80,27 +85,27 @@ def parameters(model: Any, rng: np.random.Generator) -> None:
 
 def payload(model: Any, rng: np.random.Generator) -> None:
     """A solid sphere off the centre of the trunk, or of the last link of a robot that is mounted."""
-    body = carrier(model)
+    body, is_trunk = carrier(model)
     centre, half = _extent(model, body)
     ahead, above = rng.choice([-1.0, 1.0]) * rng.uniform(*PAYLOAD_AHEAD), rng.uniform(*PAYLOAD_ABOVE)
-    mass = PAYLOAD_SHARE * float(model.body_subtreemass[body])
+    mass = (PAYLOAD_SHARE if is_trunk else HELD_SHARE) * float(model.body_subtreemass[model.body_rootid[body]])
     radius = float((mass / PAYLOAD_DENSITY * 0.75 / np.pi) ** (1 / 3))
     add_sphere(model, body, mass, radius, centre + half * np.array([ahead, 0.0, above]))
 
 
-def carrier(model: Any) -> int:
-    """The body that a payload goes on: the first that moves, if no motor moves it, else the last of the longest chain.
+def carrier(model: Any) -> tuple[int, bool]:
+    """The body that a payload goes on, and whether it is the trunk: the first that moves, where no motor moves it.
 
-    Raises ValueError for a robot that does not move.
+    Else it is the last body of the longest chain. Raises UserError for a file in which nothing moves.
     """
     moving = np.flatnonzero(model.body_dofnum > 0)
     if not len(moving):
-        raise ValueError("nothing in the file moves")
+        raise UserError("nothing in the file moves, so that nothing carries a payload: choose another family")
     first = int(moving[0])
     dofs = range(model.body_dofadr[first], model.body_dofadr[first] + model.body_dofnum[first])
     if not set(dofs) <= set(motor_dofs(model).tolist()):
-        return first
-    return max(moving.tolist(), key=lambda body: _depth(model, body))
+        return first, True
+    return max(moving.tolist(), key=lambda body: _depth(model, body)), False
 
 
 def _depth(model: Any, body: int) -> int:

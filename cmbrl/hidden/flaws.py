@@ -21,7 +21,8 @@ from cmbrl.hidden.changes import joint_motors, motor_dofs, strengths
 from cmbrl.scene.drives import Drive, driven_model
 from cmbrl.scene.fittable.play import SUFFIX
 
-STEP = 1e-3  #: s, Euler
+STEP = 1e-3  #: s, Euler; implicit where the file is, as for servos whose damping explicit steps would not bear
+IMPLICIT = (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
 LAG = 0.02  #: s, of the torque behind the command, first order
 DELAY = (1.0, 2.0)  #: control steps
 GAP = (0.3, 1.0)  #: degrees, of the backlash from stop to stop
@@ -57,7 +58,8 @@ def flawed(
     """
     spec = mujoco.MjSpec.from_file(os.fspath(path))
     spec.option.timestep = dt / max(1, math.ceil(dt / STEP - 1e-6))
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    if spec.option.integrator not in [int(kind) for kind in IMPLICIT]:
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     for motor in spec.actuators:
         if motor.dyntype == mujoco.mjtDyn.mjDYN_NONE:
             motor.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
@@ -82,6 +84,13 @@ def flawed(
     size = rng.uniform(0.5, 1.5)
     late = round(rng.uniform(*DELAY) * dt / model.opt.timestep)
     return model, Flaws(late, *(size * noise for noise in noise_of(file_like)))
+
+
+def lagging(model: mujoco.MjModel) -> np.ndarray:
+    """(nu,) bool: actuators to which ``flawed`` has given a lag."""
+    exact = model.actuator_dyntype == int(mujoco.mjtDyn.mjDYN_FILTEREXACT)
+    found: np.ndarray = exact & (model.actuator_dynprm[:, 0] == LAG)
+    return found
 
 
 def play_of(joint: str) -> str:

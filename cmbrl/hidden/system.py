@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
-from cmbrl.hidden.flaws import Flaws
+from cmbrl.hidden.flaws import Flaws, lagging
 
 QUATERNIONS = {mujoco.mjtJoint.mjJNT_FREE: (3, 3), mujoco.mjtJoint.mjJNT_BALL: (0, 0)}
 """kind of joint -> places of its quaternion and of its rates behind the joint's first ones"""
@@ -18,8 +18,8 @@ SIZES = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
 class HiddenSystem:
     """MuJoCo as a :class:`cmbrl.system.Simulated`, which tells measured states and keeps the true ones in ``path``.
 
-    The states are those of ``joints``, names or numbers, in the file's order. Before the first command arrives, and
-    after a reset, controls are 0.
+    The states are those of ``joints``, names or numbers, in the file's order. Before the first command of an episode
+    arrives, motors are off and position servos hold that command, as models have it (:mod:`cmbrl.models.wiring`).
     """
 
     def __init__(
@@ -35,6 +35,8 @@ class HiddenSystem:
         self.frame_skip = round(dt / model.opt.timestep)
         self._q, self._v, self._turns = _places(model, joints)
         self._commands: deque[np.ndarray] = deque()
+        self._holds = model.actuator_biasprm[:, 1] != 0.0  # position servos (nu,)
+        self._slow = lagging(model)
         self.path: list[tuple[np.ndarray, np.ndarray]] = []  #: true states since the last reset
 
     @property
@@ -47,7 +49,7 @@ class HiddenSystem:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[self._q], self.data.qvel[self._v] = q, v
         mujoco.mj_forward(self.model, self.data)
-        self._commands = deque(np.zeros(self.model.nu) for _ in range(self.flaws.late))
+        self._commands = deque()
         self.path = [(q.copy(), v.copy())]
 
     def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -59,10 +61,18 @@ class HiddenSystem:
 
     def advance(self, u: np.ndarray, steps: int) -> None:
         """``steps`` of MuJoCo's steps under the command u (nu,), which comes late."""
+        if not self._commands and self.data.time == 0.0:
+            self._begin(u)
         for _ in range(steps):
             self._commands.append(u)
             self.data.ctrl[:] = self._commands.popleft()
             mujoco.mj_step(self.model, self.data)
+
+    def _begin(self, u: np.ndarray) -> None:
+        """What actuators have been told before the first command u (nu,) of an episode, also those that lag."""
+        held = np.where(self._holds, u, 0.0)
+        self._commands = deque(held for _ in range(self.flaws.late))
+        self.data.act[self.model.actuator_actadr[self._slow]] = held[self._slow]
 
     def push(self, velocity: np.ndarray) -> None:
         """Adds ``velocity`` (2,) [m/s] to the horizontal one of a free root."""

@@ -12,7 +12,7 @@ import torch
 from cmbrl.envs.of_task import recorded
 from cmbrl.errors import UserError
 from cmbrl.hidden import changes
-from cmbrl.hidden.flaws import Flaws
+from cmbrl.hidden.flaws import Flaws, flawed
 from cmbrl.hidden.system import HiddenSystem
 from cmbrl.hidden.task import FAMILIES, OUTSIDE, generator, hidden_task
 from cmbrl.registry import is_task, load_task, register
@@ -75,9 +75,9 @@ def test_what_cannot_be_drawn_is_one_line(crawler):
 
 
 def test_strengths_are_those_that_the_file_limits(whole):
-    np.testing.assert_allclose(changes.strengths(whole), [12.0, 6.0])
-    whole.actuator_forcelimited[0] = 0
     np.testing.assert_allclose(changes.strengths(whole), [40.0 * changes.REACH, 6.0])
+    whole.actuator_forcerange[0] = -5.0, 5.0
+    np.testing.assert_allclose(changes.strengths(whole), [5.0, 6.0])
 
 
 def test_servos_keep_their_targets_and_contacts_become_times(whole):
@@ -95,7 +95,8 @@ def test_servos_keep_their_targets_and_contacts_become_times(whole):
 
 def test_a_payload_is_on_the_trunk_or_in_the_hand(whole):
     before = whole.body_mass.copy()
-    assert whole.body(changes.carrier(whole)).name == "trunk"
+    body, is_trunk = changes.carrier(whole)
+    assert (whole.body(body).name, is_trunk) == ("trunk", True)
     changes.payload(whole, generator("payload", 0))
     np.testing.assert_allclose(whole.body_mass[1] - before[1], 0.3 * before.sum())
     assert 0.02 < abs(whole.body_ipos[1][0]) < 0.3
@@ -103,7 +104,10 @@ def test_a_payload_is_on_the_trunk_or_in_the_hand(whole):
         '<mujoco><worldbody><body><joint name="a"/><geom size=".1"/><body><joint name="b"/><geom size=".1"/></body>'
         '</body></worldbody><actuator><motor joint="a"/><motor joint="b"/></actuator></mujoco>'
     )
-    assert changes.carrier(arm) == 2
+    assert changes.carrier(arm) == (2, False)
+    whole_arm = float(arm.body_mass.sum())
+    changes.payload(arm, generator("payload", 0))
+    np.testing.assert_allclose(arm.body_mass.sum(), 1.1 * whole_arm)
 
 
 def test_noise_turns_quaternions_and_leaves_them_unit(whole):
@@ -141,3 +145,32 @@ def test_a_system_altered_twice_has_both_changes(crawler):
     twice = own.altered(lighter)
     assert twice.model.body_mass[1] == pytest.approx(0.5 * own.model.body_mass[1])
     assert twice.dt == own.dt
+
+
+def test_servos_hold_the_first_command_until_it_arrives_and_motors_are_off(crawler):
+    robot = load_task(f"crawler@{OUTSIDE}:0").system()
+    q, v = load_task("crawler").mdp().reset(1, torch.Generator().manual_seed(0))
+    for _ in range(2):  # a second episode begins as the first
+        robot.reset(q[0].numpy(), v[0].numpy())
+        robot.step(np.array([0.3, 1.0]))
+        np.testing.assert_allclose(robot.data.act, [0.3, 0.0])
+        assert robot.data.ctrl[1] == 0.0
+        for _ in range(20):
+            robot.step(np.array([0.1, 1.0]))
+        np.testing.assert_allclose(robot.data.act, [0.1, 1.0], atol=1e-6)
+
+
+def test_implicit_steps_of_a_file_stay_implicit(tmp_path):
+    """A wrist of 1e-4 kg m^2 under a servo's damping of 1 N m s/rad: explicit steps of 1 ms explode."""
+    (tmp_path / "wrist.xml").write_text(
+        '<mujoco><option integrator="implicitfast" gravity="0 0 0"/><worldbody><body name="b"><joint name="a"/>'
+        '<inertial pos="0 0 0" mass="1" diaginertia="1e-4 1e-4 1e-4"/></body></worldbody>'
+        '<actuator><position joint="a" kp="10" kv="1"/></actuator></mujoco>'
+    )
+    file_like = mujoco.MjModel.from_xml_path(str(tmp_path / "wrist.xml"))
+    model, flaws = flawed(tmp_path / "wrist.xml", file_like, 0.02, generator(OUTSIDE, 0))
+    robot = HiddenSystem(model, 0.02, ["a"], flaws, generator(OUTSIDE, 0, 2))
+    robot.reset(np.zeros(1), np.zeros(1))
+    for _ in range(100):
+        robot.step(np.array([0.5]))
+    assert robot.state()[0][0] == pytest.approx(0.5, abs=0.01)
