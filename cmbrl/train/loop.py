@@ -206,6 +206,15 @@ class Loop(Trainer):
         return self.trainer.conditions()
 
     @property
+    def ahead(self) -> str:
+        """Acting and fitting at the start of a round, and the trials by which policies are compared."""
+        if self.model is None:
+            return "real transitions, and a fit of the model to them"
+        done = self.trainer.iteration + 1
+        tried = done == self.trial_updates and len(self.tried) < self.wanted
+        return "trials of the policy in the model" if tried or done == self.settings.iterations else ""
+
+    @property
     def gradients(self) -> str:
         """Of the policy in training."""
         return self.trainer.gradients

@@ -93,14 +93,16 @@ class TrainingRun:
 
         A trainer may want ``further`` ones.
 
-        ``progress(share, text)`` is called after each iteration. Raises Diverged if the run cannot continue; then
-        diverged.npz holds the last states, and the last checkpoint is kept.
+        ``progress(share, text)`` is called after each iteration, and before what takes long. Raises Diverged if the run
+        cannot continue; then diverged.npz holds the last states, and the last checkpoint is kept.
         """
         started, saved = time.monotonic() - self.seconds, time.monotonic()
         log = MetricsLog(self.folder, self._rows)
         try:
             with _interruptible() as interrupted:
                 while not (self._done(iterations) or interrupted()):
+                    if progress is not None and self.trainer.ahead:
+                        progress(self.iteration / (iterations + self.trainer.further), self.trainer.ahead)
                     metrics = self.trainer.update()
                     self.iteration += 1
                     self.seconds = time.monotonic() - started
@@ -112,6 +114,8 @@ class TrainingRun:
                         self._checkpoint()
                         saved = time.monotonic()
                 self._checkpoint()
+            if progress is not None and self._done(iterations):
+                progress(1.0, "trials of the policy in the model")
             return self._conclude(FINISHED if self._done(iterations) else INTERRUPTED, log)
         except Diverged as error:
             raise self._give_up(error, log) from None
