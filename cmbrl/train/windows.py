@@ -75,6 +75,7 @@ class WindowLearner(Trainer):
         stagger: bool = True,
     ) -> None:
         self.mdp, self.model, self.config, self.rate = config.episode(mdp), model, config, rate
+        self.whole = mdp  # with the task's own length of an episode: trials see what an evaluation does
         self.horizon, self.generator = config.steps(self.mdp), generator
         self.moving = under_both_laws(model, config.other_law, config.other)
         table = parameter_sets(model, config.parameter_spread, seed=seed, factors=config.vary)
@@ -207,7 +208,7 @@ class WindowLearner(Trainer):
 
     def _tried(self) -> MDP:
         """The process of trials."""
-        return self.mdp if self.judged is None else observed_by(self.policy, self.judged)
+        return self.whole if self.judged is None else observed_by(self.policy, self.judged)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""

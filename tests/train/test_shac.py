@@ -143,6 +143,17 @@ def test_tamed_cuts_long_rows_to_the_median_s_multiple_and_nothing_else():
     assert lost.end_update() == 0.0
 
 
+def test_trials_are_of_whole_episodes_and_not_of_training_s_shorter_ones(tmp_path):
+    """A policy that falls later than training lasts would be said to stand."""
+    model = cmbrl.ComplementarityModel(slider.scene(tmp_path), time_step=slider.DT)
+    config = SHACConfig(iterations=4, environments=8, horizon=4, episode_steps=10)
+    trainer = SHAC(slider.mdp(episode_steps=200), model, config)
+    assert trainer.mdp.episode_steps == 10
+    shares = trainer.failed_trials()
+    assert trainer.earned["no action"] > 10.0  # more than ten steps can earn
+    assert shares["draws"] > 0.9  # without friction it leaves the rail, in seconds
+
+
 @pytest.mark.parametrize("optimiser", ["adam", "muon"])
 def test_it_learns_to_move(optimiser):
     config = SHACConfig(iterations=60, environments=32, horizon=16, optimiser=optimiser)
