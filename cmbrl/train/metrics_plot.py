@@ -31,7 +31,8 @@ def plot_metrics(rows: list[Row], path: Path, title: str) -> None:
         _curve(lower, rows, key, "gradient_norm", "tab:blue", "norm")
         _curve(lower, rows, key, "gradient_variance", "tab:orange", "variance")
         if lower.lines:
-            lower.set_yscale("log")
+            if any((np.asarray(line.get_ydata()) > 0).any() for line in lower.lines):
+                lower.set_yscale("log")
             # Not 10^k in mathtext: its parser keeps exceptions, whose frames would keep the run's model alive.
             lower.yaxis.set_major_formatter("{x:g}")
             lower.yaxis.set_minor_formatter(NullFormatter())
