@@ -198,14 +198,20 @@ def names() -> list[str]:
 
 def is_task(name: str) -> bool:
     """Whether :func:`load_task` knows ``name``, or would look for a file of this name."""
-    return name.endswith(".py") or name in names()
+    return name.endswith(".py") or name in names() or ("@" in name and is_task(name.rpartition("@")[0]))
 
 
 def load_task(name: str) -> Task:
     """The task called ``name``, or ``TASK`` of a file whose name ends with .py.
 
-    Raises UserError with the nearest name if there is none, or if it fails to load.
+    ``NAME@FAMILY:DRAW``: with a real system that differs from the file (:mod:`cmbrl.hidden`). Raises UserError with the
+    nearest name if there is none, or if it fails to load.
     """
+    if not name.endswith(".py") and is_task(name) and name not in names():
+        from cmbrl.hidden.task import hidden_task
+
+        known, _, which = name.rpartition("@")
+        return hidden_task(load_task(known), which)
     if name.endswith(".py"):
         name = str(Path(name).resolve())
     if name in _registered:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -76,7 +77,9 @@ def _compiled(path: str, to_change: bool) -> Any:
     for body in spec.bodies:
         if hasattr(body, "simple"):  # older versions of MuJoCo cannot leave it out
             body.simple = False
-    return spec.compile()
+    with warnings.catch_warnings():  # about the style of a scene by others: Python's here, MuJoCo's in the other case
+        warnings.simplefilter("ignore")
+        return spec.compile()
 
 
 class MujocoSystem:
@@ -102,6 +105,7 @@ class MujocoSystem:
         from cmbrl.scene.drives import driven_model
 
         self._mujoco = mujoco
+        self.path, self.change, self.drives = os.fspath(path), change, tuple(drives)
         try:
             with without_mujoco_warnings():  # it would leave a log file in the working folder
                 self.model = _compiled(os.fspath(path), to_change=change is not None)
@@ -132,6 +136,17 @@ class MujocoSystem:
                 f"{robot.model.opt.timestep:g} s: change one of them"
             )
         return robot
+
+    def altered(self, change: Callable[[Any], object]) -> MujocoSystem:
+        """Another of the same kind whose compiled model is changed once more."""
+        first = self.change
+
+        def both(model: Any) -> None:
+            if first is not None:
+                first(model)
+            change(model)
+
+        return MujocoSystem(self.path, self.frame_skip, both, self.feel, self.drives)
 
     @property
     def dt(self) -> float:

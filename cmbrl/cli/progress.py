@@ -25,7 +25,7 @@ def fraction(what: str) -> Iterator[Callable[[float, str], None]]:
     with tqdm(desc=what, total=1.0, disable=None, leave=False, dynamic_ncols=True, bar_format=shape) as bar:
 
         def show(done: float, text: str) -> None:
-            bar.set_postfix_str(text, refresh=False)
+            bar.set_postfix_str(text, refresh=done <= bar.n)  # what comes may take long
             bar.update(max(0.0, done - bar.n))
 
         yield show

@@ -18,7 +18,11 @@ cmbrl record cube_toss --steps 10000 --data cube_tosses.npz --out cube.npz
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("task", metavar="TASK", help="a task: its name, or a Python file that defines TASK")
+    parser.add_argument(
+        "task",
+        metavar="TASK",
+        help="a task: its name, or a Python file that defines TASK; TASK@FAMILY:DRAW: in a hidden system",
+    )
     parser.add_argument("--steps", type=positive, required=True, metavar="N", help="transitions to record")
     parser.add_argument(
         "--out", required=True, metavar="FILE", help="the log to write: NAME.npz, a folder (Minari) or minari:ID"

@@ -31,13 +31,18 @@ from cmbrl.runs import CONFIGURATION, usable_cores, write_run
 EXAMPLE = """
 cmbrl train hopper --out runs/policy
 cmbrl train hopper --algorithm shac --model runs/hopper/fit --out runs/policy --set horizon=24
+cmbrl train hopper@payload:0 --out runs/hidden   # another robot than its file
 cmbrl train --config runs/policy/config.json --resume
 """
 _MAY_CHANGE = {"iterations", "threads", "checkpoint_seconds", "out", "command"}  # when a run is resumed
 
 
 def add_arguments(parser: Parser) -> None:
-    parser.add_argument("task", metavar="TASK", help="a task: its name, or a Python file that defines TASK")
+    parser.add_argument(
+        "task",
+        metavar="TASK",
+        help="a task: its name, or a Python file that defines TASK; TASK@FAMILY:DRAW: in a hidden system",
+    )
     parser.add_argument(
         "--algorithm",
         metavar="A",
@@ -185,6 +190,8 @@ def run(arguments: argparse.Namespace) -> int:
             )
         if trainer.kept is not None:
             print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
+        if trainer.gradients:
+            print(f"{out}: {trainer.gradients}")
         if outcome.failed_trials:
             print(f"{out}: {foretold(outcome.failed_trials)}")
         if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner

@@ -205,6 +205,20 @@ class Loop(Trainer):
         """Those of the policy in training."""
         return self.trainer.conditions()
 
+    @property
+    def ahead(self) -> str:
+        """Acting and fitting at the start of a round, and the trials by which policies are compared."""
+        if self.model is None:
+            return "real transitions, and a fit of the model to them"
+        done = self.trainer.iteration + 1
+        tried = done == self.trial_updates and len(self.tried) < self.wanted
+        return "trials of the policy in the model" if tried or done == self.settings.iterations else ""
+
+    @property
+    def gradients(self) -> str:
+        """Of the policy in training."""
+        return self.trainer.gradients
+
     def failed_trials(self) -> dict[str, float]:
         """Those of the policy in training."""
         found = self.trainer.failed_trials()

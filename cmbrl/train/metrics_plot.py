@@ -31,7 +31,8 @@ def plot_metrics(rows: list[Row], path: Path, title: str) -> None:
         _curve(lower, rows, key, "gradient_norm", "tab:blue", "norm")
         _curve(lower, rows, key, "gradient_variance", "tab:orange", "variance")
         if lower.lines:
-            lower.set_yscale("log")
+            if any((np.asarray(line.get_ydata()) > 0).any() for line in lower.lines):
+                lower.set_yscale("log")
             # Not 10^k in mathtext: its parser keeps exceptions, whose frames would keep the run's model alive.
             lower.yaxis.set_major_formatter("{x:g}")
             lower.yaxis.set_minor_formatter(NullFormatter())
@@ -51,6 +52,6 @@ def plot_metrics(rows: list[Row], path: Path, title: str) -> None:
 
 def _curve(axes: Any, rows: list[Row], x: str, y: str, colour: str, label: str | None = None) -> None:
     points = np.array([(row[x], row[y]) for row in rows if x in row and y in row])
-    if len(points) and np.isfinite(points).any():
+    if len(points) and np.isfinite(points[:, 1]).any():
         marker = "." if len(points) < 40 else ""
         axes.plot(points[:, 0], points[:, 1], color=colour, lw=1.0, marker=marker, label=label)

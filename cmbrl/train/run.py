@@ -94,8 +94,8 @@ class TrainingRun:
 
         A trainer may want ``further`` ones.
 
-        ``progress(share, text)`` is called after each iteration. Raises Diverged if the run cannot continue; then
-        diverged.npz holds the last states, and the last checkpoint is kept.
+        ``progress(share, text)`` is called after each iteration, and before what takes long. Raises Diverged if the run
+        cannot continue; then diverged.npz holds the last states, and the last checkpoint is kept.
         """
         self.clock.go_on()
         saved = time.monotonic()
@@ -103,6 +103,8 @@ class TrainingRun:
         try:
             with _interruptible() as interrupted:
                 while not (self._done(iterations) or interrupted()):
+                    if progress is not None and self.trainer.ahead:
+                        progress(self.iteration / (iterations + self.trainer.further), self.trainer.ahead)
                     metrics = self.trainer.update()
                     self.iteration += 1
                     log.append({"iteration": self.iteration, **self.clock.read(), **metrics})
@@ -113,6 +115,8 @@ class TrainingRun:
                         self._checkpoint()
                         saved = time.monotonic()
                 self._checkpoint()
+            if progress is not None and self._done(iterations):
+                progress(1.0, "trials of the policy in the model")
             return self._conclude(FINISHED if self._done(iterations) else INTERRUPTED, log)
         except Diverged as error:
             raise self._give_up(error, log) from None
@@ -181,6 +185,8 @@ class TrainingRun:
             result["kept"] = self.trainer.kept
         trials = self.trainer.failed_trials() if stopped == FINISHED else {}
         result |= {"failed_trials": trials} if trials else {}
+        if self.trainer.gradients:
+            result["lost_gradients"] = self.trainer.gradients
         if self.trainer.earned:
             result["model_return"] = {name: round(x, 3) for name, x in self.trainer.earned.items()}
         known = {name: value if math.isfinite(value) else None for name, value in last.items()}

@@ -21,6 +21,7 @@ from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
 from cmbrl.train.critic import BETAS, Critic, check_discount, finite
+from cmbrl.train.lost_gradients import MOST, LostGradients, Usable
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.trust import bounded_step
 from cmbrl.train.window_config import WindowConfig, decayed
@@ -97,7 +98,8 @@ class SHAC(WindowLearner):
         if self.config.saturation:
             self.restraint(self._steps).backward()
         norm = nn.utils.clip_grad_norm_(self.policy.net.parameters(), self.config.clip)
-        metrics = {"gradient_norm": float(norm)}
+        lost = self.lost.end_update()
+        metrics = {"gradient_norm": float(norm) if lost <= MOST else math.nan, "lost_gradients": lost}
         if self.iteration % self.config.variance_every == 0:
             metrics["gradient_variance"] = gradient_variance(self.policy, self._steps)
         return metrics
@@ -125,10 +127,10 @@ class SHAC(WindowLearner):
         with self.policy.held():
             for k in range(self.horizon):
                 observation = simulation.observe()
-                action = self.policy.sample(observation.float(), noise[k])
+                action = Usable.apply(self.policy.sample(observation.float(), noise[k]), self.lost)
                 action.retain_grad()
                 moves.append(simulation.move(observation, action))
-                simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame)
+                simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame, self.lost)
         return simulation.score(moves)
 
     def loss(self, steps: list[Step]) -> Tensor:
@@ -162,27 +164,30 @@ class SHAC(WindowLearner):
 class Tamed(torch.autograd.Function):
     """The identity on states q (B, nq), v (B, nv); backwards, rows longer than ``factor`` medians are cut to that.
 
+    Rows that are not finite become 0 and are counted in ``lost``.
+
     A few episodes that stumble have gradients 10^4 times as long as the others' and would dominate an update.
     """
 
     @staticmethod
-    def forward(ctx: Any, q: Tensor, v: Tensor, factor: float) -> Any:  # type: ignore[override]
+    def forward(ctx: Any, q: Tensor, v: Tensor, factor: float, lost: LostGradients) -> Any:  # type: ignore[override]
         """The same states."""
-        ctx.factor = factor
+        ctx.factor, ctx.lost = factor, lost
         return q.view_as(q), v.view_as(v)
 
     @staticmethod
     def backward(ctx: Any, gq: Tensor, gv: Tensor) -> Any:  # type: ignore[override]
-        """Cotangents with their long rows cut; rows that are not finite become 0."""
+        """Cotangents with their long rows cut."""
         q, v = gq.numpy(), gv.numpy()  # for so few numbers faster than torch
         with np.errstate(all="ignore"):
             length = np.sqrt(np.einsum("ij,ij->i", q, q) + np.einsum("ij,ij->i", v, v))
             usable = length < np.inf
+            ctx.lost.take("states", usable)
             most = ctx.factor * np.sort(length)[(usable.sum() - 1) // 2]
             share = np.divide(most, length, out=np.ones_like(length), where=length > most)[:, None]
             if not usable.all():
                 q, v = (np.where(usable[:, None], g, 0.0) for g in (q, v))
-            return torch.from_numpy(q * share), torch.from_numpy(v * share), None
+            return torch.from_numpy(q * share), torch.from_numpy(v * share), None, None
 
 
 def gradient_variance(policy: Policy, steps: list[Step]) -> float:
@@ -199,4 +204,4 @@ def gradient_variance(policy: Policy, steps: list[Step]) -> float:
 def at_drive(action: Tensor) -> Tensor:
     """The derivative that the backward pass left at an action (B, n_a), taken through tanh to the net's output."""
     assert action.grad is not None
-    return action.grad * (1 - action.detach().square())
+    return finite(action.grad) * (1 - action.detach().square())

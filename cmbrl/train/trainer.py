@@ -81,6 +81,16 @@ class Trainer(ABC):
         return {}
 
     @property
+    def ahead(self) -> str:
+        """What the next update does besides, where that takes minutes; else empty."""
+        return ""
+
+    @property
+    def gradients(self) -> str:
+        """What there is to say of gradients that were not finite; empty where there were few or none."""
+        return ""
+
+    @property
     def further(self) -> int:
         """Iterations that it wants beyond those it was given."""
         return 0

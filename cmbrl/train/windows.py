@@ -17,6 +17,7 @@ from cmbrl.mdp import MDP
 from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
 from cmbrl.train.critic import Critic
+from cmbrl.train.lost_gradients import LostGradients, blame
 from cmbrl.train.optimiser import PolicyOptimiser
 from cmbrl.train.peak import Peak
 from cmbrl.train.policy import Architecture, Policy, observed_by
@@ -34,8 +35,9 @@ class WindowLearner(Trainer):
     """``update`` rolls a window, takes one step along its gradient, then lets the critic learn from it.
 
     Nets are float32, dynamics float64. The learning rate falls linearly to 0. Updates without a finite gradient are
-    skipped; after PATIENCE of them in a row the run is given up. A run whose returns fall far below their peak late
-    goes back to what it had learned there; if they end there, it keeps that policy where it earns more without noise.
+    skipped, and told at the end; after PATIENCE of them in a row the run is given up. A run whose returns fall far
+    below their peak late goes back to what it had learned there; if they end there, it keeps that policy where it earns
+    more without noise.
 
     Args:
         mdp: the task.
@@ -73,6 +75,7 @@ class WindowLearner(Trainer):
         stagger: bool = True,
     ) -> None:
         self.mdp, self.model, self.config, self.rate = config.episode(mdp), model, config, rate
+        self.whole = mdp  # with the task's own length of an episode: trials see what an evaluation does
         self.horizon, self.generator = config.steps(self.mdp), generator
         self.moving = under_both_laws(model, config.other_law, config.other)
         table = parameter_sets(model, config.parameter_spread, seed=seed, factors=config.vary)
@@ -88,6 +91,7 @@ class WindowLearner(Trainer):
         self.policy.normaliser.update(self.simulation.observe().float())
         self.optimiser = PolicyOptimiser(self.policy.net, config.optimiser, rate, betas)
         self.iteration = self.unusable = 0
+        self.lost = LostGradients()
         self.peak = Peak(config.iterations, self.mdp.episode_steps / self.horizon)
         self.returns_to: list[list[int]] = []
         self.begun = 0.0  #: share of the schedules that was done before the first update
@@ -130,7 +134,7 @@ class WindowLearner(Trainer):
         for simulation in self.simulations:
             simulation.mdp = self.config.episode(self.mdp, progress)
         metrics = self.gradient(progress)
-        metrics |= self._step(metrics["gradient_norm"], progress)
+        metrics |= self._step(metrics["gradient_norm"], metrics.get("lost_gradients", 0.0), progress)
         metrics |= self.learn()
         self.iteration += 1
         simulated = sum(simulation.steps_taken for simulation in self.simulations)
@@ -164,15 +168,25 @@ class WindowLearner(Trainer):
         self.optimiser.step()
         return {}
 
-    def _step(self, norm: float, progress: float) -> dict[str, float]:
+    def _step(self, norm: float, lost: float, progress: float) -> dict[str, float]:
+        self.lost.updates += 1
+        if lost or not math.isfinite(norm):
+            self.lost.look(self.mdp, self.simulation.q, self.simulation.v)
         if math.isfinite(norm):
             self.unusable = 0
             return self.step(progress) if self.iteration >= self.listens else {}
         self.unusable += 1
+        self.lost.skipped += 1
         if self.unusable > PATIENCE:
             states = {"q": self.simulation.q.detach().numpy(), "v": self.simulation.v.detach().numpy()}
-            raise Diverged(f"{self.title}: {self.unusable} gradients in a row were not finite: {self.remedy}", states)
+            remedy = blame(self.lost.blamed) or self.remedy
+            raise Diverged(f"{self.title}: {self.unusable} gradients in a row were not finite: {remedy}", states)
         return {}
+
+    @property
+    def gradients(self) -> str:
+        """What there is to say of gradients that were lost."""
+        return self.lost.told()
 
     def conditions(self) -> dict[str, Any]:
         """The commands' delay and lag, and what the policy observes of it."""
@@ -194,7 +208,7 @@ class WindowLearner(Trainer):
 
     def _tried(self) -> MDP:
         """The process of trials."""
-        return self.mdp if self.judged is None else observed_by(self.policy, self.judged)
+        return self.whole if self.judged is None else observed_by(self.policy, self.judged)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""
@@ -202,6 +216,7 @@ class WindowLearner(Trainer):
             "iteration": self.iteration,
             "begun": self.begun,
             "unusable": self.unusable,
+            "lost": self.lost.state(),
             "kept": self.kept,
             "returns_to": self.returns_to,
             "peak": self.peak.state(),
@@ -225,6 +240,7 @@ class WindowLearner(Trainer):
         """Continues from what ``state`` returned, bit for bit."""
         self.iteration, self.begun, self.unusable = state["iteration"], state["begun"], state["unusable"]
         self.kept, self.returns_to = state["kept"], state["returns_to"]
+        self.lost.restore(state["lost"])
         self.peak.restore(state["peak"])
         self._become(state)
         self.generator.set_state(state["generator"])

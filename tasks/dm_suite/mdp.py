@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.data.recorder import without_mujoco_warnings
 from cmbrl.mdp import MDP, never
 from cmbrl.models.body_motion import BodyMotion, BodyMotions
 from cmbrl.scene import Scene
@@ -26,7 +27,8 @@ class Planar:
     """A robot of the suite: its file, and how its bodies move."""
 
     def __init__(self, path: Path) -> None:
-        self.file = mujoco.MjModel.from_xml_path(str(path))
+        with without_mujoco_warnings():
+            self.file = mujoco.MjModel.from_xml_path(str(path))
         names = [self.file.body(k).name for k in range(1, self.file.nbody)]
         self.bodies = BodyMotions(Scene.from_mjcf(path, reduce=False), names)
         self.share = torch.from_numpy(self.file.body_mass[1:] / self.file.body_mass[1:].sum())

@@ -8,10 +8,11 @@ import pytest
 import torch
 
 from cmbrl.bench.studies.hidden import judge
-from cmbrl.bench.studies.hidden.flaws import Flaws, play_of
-from cmbrl.bench.studies.hidden.hidden_system import Hidden, HiddenSystem
+from cmbrl.bench.studies.hidden.hidden_system import Hidden
 from cmbrl.bench.studies.hidden.plan import OUTSIDE, SCENES
 from cmbrl.bench.studies.mission.runs import random_log
+from cmbrl.hidden.flaws import Flaws, play_of
+from cmbrl.hidden.system import HiddenSystem
 from cmbrl.registry import load_task
 
 pytest.importorskip("gymnasium", reason="the robots are Gymnasium's")

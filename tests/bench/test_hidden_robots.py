@@ -12,6 +12,7 @@ from cmbrl.bench.studies.hidden.plan import FAMILIES, FLOOR, OUTSIDE, PARAMETERS
 from cmbrl.bench.studies.hidden.without_data import randomised
 from cmbrl.fitting.fitted_parameter import FITTED, FLAT, FittedParameter
 from cmbrl.fitting.result import FitResult
+from cmbrl.hidden.changes import add_sphere, motor_dofs
 from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
@@ -85,7 +86,7 @@ def test_sizes_of_the_changes(files, scene):
         drawn = Hidden(scene, PARAMETERS, draw).file_like
         mass = drawn.body_mass[1:] / nominal.body_mass[1:]
         np.testing.assert_allclose(drawn.body_inertia[1:], nominal.body_inertia[1:] * mass[:, None])
-        driven = families.motor_dofs(nominal)
+        driven = motor_dofs(nominal)
         for ratio in (
             mass,
             drawn.actuator_gear[:, 0] / nominal.actuator_gear[:, 0],
@@ -112,7 +113,7 @@ def test_a_payload_is_what_mujoco_compiles_of_a_sphere():
     task = load_task("hopper")
     model = mujoco.MjModel.from_xml_path(task.scene_path)
     place = np.array([0.12, 0.0, -0.05])
-    families.add_sphere(model, model.body("torso").id, 4.0, 0.08, place)
+    add_sphere(model, model.body("torso").id, 4.0, 0.08, place)
     mujoco.mj_setConst(model, mujoco.MjData(model))
     spec = mujoco.MjSpec.from_file(task.scene_path)
     spec.body("torso").add_geom(

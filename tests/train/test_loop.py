@@ -37,8 +37,10 @@ def make_loop():
 
 def test_rounds_trials_and_transitions_are_counted(make_loop):
     """A round: two trials of 2 updates, then 2 more of the better one."""
-    loop = make_loop()
-    rows = [loop.update() for _ in range(SMALL.iterations)]
+    loop, ahead = make_loop(), []
+    rows = [(ahead.append(loop.ahead), loop.update())[1] for _ in range(SMALL.iterations)]
+    fits, tries = "real transitions, and a fit of the model to them", "trials of the policy in the model"
+    assert ahead == 2 * [fits, tries, *2 * ["", tries]]  # told before updates that take minutes
     assert SMALL.shac().iterations == 4
     assert [row["transitions"] for row in rows] == 6 * [120] + 6 * [180]
     assert ["score" in row for row in rows] == 6 * [False, True]

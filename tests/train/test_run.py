@@ -206,6 +206,14 @@ def test_a_damaged_policy_is_one_line(damage: str, tmp_path: Path) -> None:
         load_policy(tmp_path)
 
 
+def test_progress_tells_what_takes_long_before_it_begins(tmp_path: Path) -> None:
+    said: list[tuple[float, str]] = []
+    toy = Toy()
+    TrainingRun(toy, tmp_path, ABOUT).train(2, lambda share, text: said.append((share, text)))
+    assert said[-1] == (1.0, "trials of the policy in the model")
+    assert [share for share, _ in said] == [0.5, 1.0, 1.0]
+
+
 def test_progress_says_what_was_measured() -> None:
     row = {"return": 312.4, "gradient_norm": 0.71, "gradient_variance": 3.0, "transitions": 1000, "seconds": 12.3}
     assert progress_text(row) == "return 312.4, gradient 0.71 (variance 3), 1k real steps, 12 s"

@@ -10,6 +10,7 @@ import torch
 import cmbrl
 from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.registry import load_task
+from cmbrl.train.lost_gradients import LostGradients
 from cmbrl.train.peak import Peak
 from cmbrl.train.shac import SHAC, SHACConfig, Tamed, at_drive, gradient_variance
 
@@ -133,9 +134,24 @@ def test_td_lambda_targets_are_the_weighted_sums_of_n_step_returns():
 def test_tamed_cuts_long_rows_to_the_median_s_multiple_and_nothing_else():
     q, v = (torch.zeros(5, 1, dtype=torch.float64, requires_grad=True) for _ in range(2))
     lengths = torch.tensor([1.0, 2.0, 3.0, 100.0, float("nan")], dtype=torch.float64)[:, None]
-    out_q, _ = Tamed.apply(q, v, 4.0)
+    lost = LostGradients()
+    out_q, _ = Tamed.apply(q, v, 4.0, lost)
     out_q.backward(lengths)
     torch.testing.assert_close(q.grad[:, 0], torch.tensor([1.0, 2.0, 3.0, 8.0, 0.0], dtype=torch.float64))
+    assert lost.rows["states"] == [5, 1]
+    assert lost.end_update() == 0.2
+    assert lost.end_update() == 0.0
+
+
+def test_trials_are_of_whole_episodes_and_not_of_training_s_shorter_ones(tmp_path):
+    """A policy that falls later than training lasts would be said to stand."""
+    model = cmbrl.ComplementarityModel(slider.scene(tmp_path), time_step=slider.DT)
+    config = SHACConfig(iterations=4, environments=8, horizon=4, episode_steps=10)
+    trainer = SHAC(slider.mdp(episode_steps=200), model, config)
+    assert trainer.mdp.episode_steps == 10
+    shares = trainer.failed_trials()
+    assert trainer.earned["no action"] > 10.0  # more than ten steps can earn
+    assert shares["draws"] > 0.9  # without friction it leaves the rail, in seconds
 
 
 @pytest.mark.parametrize("optimiser", ["adam", "muon"])

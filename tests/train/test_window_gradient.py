@@ -12,6 +12,7 @@ import cmbrl
 from cmbrl.gradients import derivative_model
 from cmbrl.registry import load_task
 from cmbrl.train import shac
+from cmbrl.train.lost_gradients import LostGradients
 from cmbrl.train.shac import SHAC, SHACConfig
 
 pytest.importorskip("gymnasium", reason="the hopper's MJCF is Gymnasium's")
@@ -22,7 +23,7 @@ class PlainTamed(torch.autograd.Function):
     """As :class:`cmbrl.train.shac.Tamed`, by torch's operations."""
 
     @staticmethod
-    def forward(ctx: Any, q: Tensor, v: Tensor, factor: float) -> Any:  # type: ignore[override]
+    def forward(ctx: Any, q: Tensor, v: Tensor, factor: float, lost: LostGradients) -> Any:  # type: ignore[override]
         ctx.factor = factor
         return q.view_as(q), v.view_as(v)
 
@@ -33,7 +34,7 @@ class PlainTamed(torch.autograd.Function):
         usable = length.isfinite()
         rows, length = rows.nan_to_num(0.0, 0.0, 0.0), torch.where(usable, length, torch.nan)
         share = (ctx.factor * length.nanmedian() / length).clamp(max=1.0).nan_to_num(nan=0.0)[:, None]
-        return *(rows * share).split([gq.shape[1], gv.shape[1]], dim=1), None
+        return *(rows * share).split([gq.shape[1], gv.shape[1]], dim=1), None, None
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def test_messages_are_cut_as_by_torch(lengths: list[float], factor: float) -> No
     found = []
     for tamed in (shac.Tamed, PlainTamed):
         q, v = (torch.zeros(len(lengths), n, dtype=torch.float64, requires_grad=True) for n in (2, 3))
-        torch.autograd.backward(tamed.apply(q, v, factor), message.split([2, 3], dim=1))
+        torch.autograd.backward(tamed.apply(q, v, factor, LostGradients()), message.split([2, 3], dim=1))
         found.append(torch.cat([q.grad, v.grad], dim=1))
     torch.testing.assert_close(*found, rtol=1e-12, atol=0)
 

@@ -10,11 +10,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from cmbrl.hidden import task as hidden
+
 SCENES = ("hopper", "cheetah")
-PARAMETERS, PAYLOAD, FLOOR, OUTSIDE = "parameters", "payload", "floor", "outside"
-FAMILIES = (PARAMETERS, PAYLOAD, FLOOR, OUTSIDE)
+FAMILIES, DRAW_SEED = hidden.FAMILIES, hidden.DRAW_SEED  #: the seed is of the hidden systems
+PARAMETERS, PAYLOAD, FLOOR, OUTSIDE = FAMILIES
 FIRST_SEED = 300  #: of training and logs; draw k takes FIRST_SEED + k. Settings were chosen on smaller ones
-DRAW_SEED = 16  #: of the hidden systems
 EPISODES, EPISODE_SEED = 10, 9_000  #: of every policy in every system: the same starts for all
 
 UPSIDE_DOWN = 0.1  #: share of an episode with the torso beyond 90 degrees from which it counts as a fall
