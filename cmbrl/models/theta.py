@@ -25,7 +25,7 @@ def checked(scene: Scene, theta: Any) -> np.ndarray:
 
 
 def checked_sets(scene: Scene, observer: Observation, sets: Any) -> np.ndarray:
-    """A copy of ``sets`` (K, np), or (K, np + n) with what lies between a log and each; raises UserError as ``checked``."""
+    """A copy of ``sets`` (K, np), or (K, np + n) with what lies between a log and each; raises as ``checked``."""
     rows, count = np.atleast_2d(real_array(sets, "candidates")), len(scene.parameters)
     for row in rows:
         checked(scene, row[:count] if row.shape == (count + len(observer),) else row)

@@ -36,8 +36,8 @@ class Wiring:
 
     They have a row each: one for all robots, or one a robot (``rows``). ``holds`` (nu,) bool: position servos, which
     held the first command before an episode; motors were off. ``kept``: past commands in memory; ``lags``: whether
-    it holds a lag's state as well. ``observer`` and
-    ``nq`` are the model's, to read the rows of other robots; ``physical``: after how many parameters they begin, if any.
+    it holds a lag's state as well. ``observer`` and ``nq`` are the model's, to read the rows of other robots;
+    ``physical``: after how many parameters these begin, if there are any.
     """
 
     observer: Observation
@@ -143,7 +143,7 @@ def _read(observer: Observation, psi: np.ndarray, nq: int) -> tuple[Tensor, Tens
 
 
 def _picked(queue: list[Tensor], place: Tensor) -> Tensor:
-    """Of the commands (B, nu) in ``queue`` that at ``place`` (1, 1), or (B, 1) by robot; the last where it is beyond."""
+    """Of the commands (B, nu) in ``queue`` that at ``place`` (1, 1), or (B, 1) by robot; beyond, the last."""
     place = place.clamp(max=len(queue) - 1)
     if len(place) == 1:
         return queue[int(place)]

@@ -49,7 +49,13 @@ def test_a_log_of_another_state_of_the_robot_is_named(carts, pair):
     assert moved["others_low"] < 1.0 < moved["others_high"]
     text = " ".join(result.report_text().split())
     assert "THE LOGS DISAGREE" in text
-    assert "friday: a fit of it alone predicts" in text
+    assert "monday and tuesday agree. friday differs from monday and tuesday: alone, a fit predicts" in text
+    assert found["monday"]["agrees"]
+    assert found["tuesday"]["agrees"]
+    assert moved["apart"]["unit"] == "times"
+    assert moved["apart"]["low"] < 4.0 < moved["apart"]["high"]
+    assert found["friday"]["explained"] > 0.9
+    assert result.report_text().startswith("The logs disagree (friday differs): fit them apart. ")
     assert "likely joints that were warmer, oiled or worn" in text
 
 

@@ -25,7 +25,7 @@ from cmbrl.fitting.search.loss import NormalEquations
 from cmbrl.fitting.search.space import Space
 
 _NORMAL_95 = 1.96
-_REPEATED = 20.0  # by the share of the motion that the model leaves unexplained
+REPEATED = 20.0  #: by the share of the motion that the model leaves unexplained
 _NAMED = 0.3  # of the largest coefficient; smaller ones are not named
 _MAX_NAMED = 6
 _FLAT_VARIANCE = 0.5  # of the prior's
@@ -67,7 +67,7 @@ def identify(
     ``discrepancy`` (n, n): the covariance that a wrong model adds. ``sets``: columns that motion tells up to a common
     factor, also where only some of them are fitted.
     """
-    repeated = 1.0 + _REPEATED * equations.variance
+    repeated = 1.0 + REPEATED * equations.variance
     scale = equations.independent / max(equations.variance, 1e-12) / repeated
     columns = np.flatnonzero(fitted)
     own = np.ix_(columns, columns)
