@@ -61,11 +61,12 @@ def identify(
     equations: NormalEquations,
     discrepancy: np.ndarray,
     sets: Sequence[Sequence[int]] = (),
+    beside: np.ndarray | None = None,
 ) -> Identification:
     """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior.
 
     ``discrepancy`` (n, n): the covariance that a wrong model adds. ``sets``: columns that motion tells up to a common
-    factor, also where only some of them are fitted.
+    factor, also where only some of them are fitted. ``beside`` (n, n): a covariance that intervals alone allow for.
     """
     repeated = 1.0 + REPEATED * equations.variance
     scale = equations.independent / max(equations.variance, 1e-12) / repeated
@@ -83,6 +84,7 @@ def identify(
                 staying.T @ (scale * repeated * equations.gradient + space.precision @ z)
             )
             wide[own] = spread[:, : len(columns)] + np.outer(drift, drift) + discrepancy[own]
+        wide[own] += 0.0 if beside is None else beside[own]
         directions = _flat_directions(scale * equations.hessian[own], [space.names[k] for k in columns])
     variance = np.where(fitted, np.diag(wide), 1.0)
     half = _NORMAL_95 * np.sqrt(variance)
