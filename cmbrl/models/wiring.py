@@ -61,13 +61,13 @@ class Wiring:
         activations: Activations | None = None,
         candidates: np.ndarray | None = None,
     ) -> Wiring | None:
-        """That of ``psi`` (n,), with memory for what all ``candidates`` (K, np + n) end with; None for no effect."""
+        """That of ``psi`` (n,), with memory for what all ``candidates`` (K, np + n) end with. None: no effect."""
         physical, every = None, psi[None, : len(observer)]
         if candidates is not None:
             physical = candidates.shape[1] - len(observer)
             every = np.vstack([every, candidates[:, physical:]])
         delay, lag, bias, shift = _read(observer, every, nq)
-        if not (delay.any() or lag.any() or bias.any() or shift.any() or activations):
+        if candidates is None and not (delay.any() or lag.any() or bias.any() or shift.any() or activations):
             return None
         kept = int(float(delay.max()) / observer.dt) + 1 if delay.any() else 0
         holds, lags = torch.from_numpy(observer.holds), bool(lag.any())

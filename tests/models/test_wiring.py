@@ -132,6 +132,15 @@ def test_robots_have_delay_lag_and_bias_of_their_own(arm: Scene) -> None:
     torch.testing.assert_close(v, torch.cat([state[1] for state in singly]), rtol=1e-9, atol=1e-9)
 
 
+def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
+    """As where a fit knows its delay to be none."""
+    model = model_of(arm, 0.0, 0.0)
+    sets = np.append(model.parameters, np.zeros(5))[None]
+    robots, state = Robots(model.with_settings(candidates=sets), 1), torch.zeros(1, 2, dtype=torch.float64)
+    found = robots.step(state, state, commands(1, 1)[0], torch.from_numpy(sets))
+    torch.testing.assert_close(found[1], model.step(state, state, commands(1, 1)[0])[1], rtol=0, atol=0)
+
+
 def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm: Scene) -> None:
     model = model_of(arm, 0.013, 0.02)
     sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, d, lag]) for d, lag in LATE])
