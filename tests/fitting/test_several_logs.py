@@ -59,6 +59,17 @@ def test_a_log_of_another_state_of_the_robot_is_named(carts, pair):
     assert "likely joints that were warmer, oiled or worn" in text
 
 
+def test_a_log_that_is_too_short_to_be_held_out_ends_no_fit(carts, pair):
+    """One episode, whose parts have as many rows as are predicted at once, or fewer."""
+    short = carts.record(carts.truth(2, **BOTH), episodes=1, steps=60, seed=1, noise=0.01)
+    for steps, compared in ((8, True), (20, False)):
+        result = cmbrl.fit(carts.model(2), {"long": pair[0], "short": short}, groups=GROUPS, horizon=steps)
+        found = {log["name"]: log for log in result.report["logs"]}
+        assert all(log["agrees"] for log in found.values())
+        assert found["short"]["compared"] == compared
+        assert ("short could not be compared" in " ".join(result.report_text().split())) != compared
+
+
 def test_each_log_is_held_out_by_its_own_episodes_and_a_single_episode_in_parts(carts):
     truth = carts.truth(1)
     single = carts.record(truth, episodes=1, steps=80)

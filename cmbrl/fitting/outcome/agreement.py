@@ -24,7 +24,7 @@ import numpy as np
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.outcome.differing import Differing, around
 from cmbrl.fitting.outcome.two_sides import score_tests
-from cmbrl.fitting.search.folds import Folds, paired_gain
+from cmbrl.fitting.search.folds import Folds, fold_of_rows, paired_gain
 from cmbrl.fitting.search.gauss_newton import gauss_newton
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import Objective
@@ -111,15 +111,26 @@ class Comparison:
         for log in left:
             self.journal.report(0.92, f"comparing {told[log]['name']} with the other logs")
             own, others = self._sides(log, left)
-            if not (own.steps and others.steps and self.active.any() and self.count):
+            told[log]["compared"] = bool(own.steps and others.steps and self.active.any())
+            if not told[log]["compared"]:
                 continue
-            before, after, blocks = self._held_out(own, others)
-            gain, noise = paired_gain(before.loss, after.loss, blocks)
-            told[log]["rmse"] |= {"held out, fitted": before.rmse, "held out, alone": after.rmse}
-            told[log]["gains"] = gain > max(_NOISE_FACTOR * noise, _LEAST * before.mean)
+            told[log]["gains"] = self._gains(own, others, told[log]["rmse"])
             found = [self._score(*self._sides(log, left, shorter)) for shorter in (False, True)]
             told[log]["score"], told[log]["shorter"] = float(max(found)), bool(found[1] > found[0])
             told[log]["agrees"] = not (told[log]["gains"] or told[log]["score"] > self._sure(2 * len(left)))
+
+    def _gains(self, own: PredictionLoss, others: PredictionLoss, rmse: dict[str, float]) -> bool:
+        """Whether a fit of the log alone predicts its held-out episodes clearly better; their errors go to ``rmse``.
+
+        A log that is too short for that gains nothing.
+        """
+        starts = own.windows.starts
+        if self.count < 2 or len(np.unique(fold_of_rows(own.windows.data, self.count, self.seed)[starts])) < 2:
+            return False
+        before, after, blocks = self._held_out(own, others)
+        gain, noise = paired_gain(before.loss, after.loss, blocks)
+        rmse |= {"held out, fitted": before.rmse, "held out, alone": after.rmse}
+        return bool(gain > max(_NOISE_FACTOR * noise, _LEAST * before.mean))
 
     def _score(self, own: PredictionLoss, others: PredictionLoss) -> float:
         """The largest of the deviations by which single parameters differ."""
@@ -203,17 +214,22 @@ def sentences(logs: Sequence[Mapping[str, Any]]) -> list[str]:
     if not logs:
         return []
     apart = [log for log in logs if log.get("beside")]
+    silent = [log["name"] for log in logs if not log.get("compared", True)]
+    short = [f"{_listed(silent)} could not be compared: too short, or nothing was fitted."] if silent else []
+    if not apart and len(silent) == len(logs):
+        return short
     if not apart:
-        return ["The logs agree: none is predicted better by a fit of it alone."]
-    same = [log["name"] for log in logs if not log.get("beside")]
+        return ["The logs agree: none is predicted better by a fit of it alone.", *short]
+    same = [log["name"] for log in logs if not log.get("beside") and log["name"] not in silent]
     agree = f" {_listed(same)} agree." if len(same) > 1 else ""
-    return [f"THE LOGS DISAGREE: fit those apart that differ.{agree}", *(_of_one(log) for log in apart)]
+    return [f"THE LOGS DISAGREE: fit those apart that differ.{agree}", *(_of_one(log) for log in apart), *short]
 
 
 def _of_one(log: Mapping[str, Any]) -> str:
-    gain = log["rmse"]["held out, fitted"] / log["rmse"]["held out, alone"]
     told = f"{log['name']} differs from {_listed(log['beside'])}"
-    told += f": alone, a fit predicts its unseen episodes {gain:.3g} times better" if log["gains"] else ""
+    if log["gains"]:
+        gain = log["rmse"]["held out, fitted"] / log["rmse"]["held out, alone"]
+        told += f": alone, a fit predicts its unseen episodes {gain:.3g} times better"
     if not log["moved"]:
         return f"{told}; no parameter by itself explains it"
     for k, one in enumerate(log["moved"]):
