@@ -76,17 +76,32 @@ class Comparison:
         left = list(range(len(names)))
         while len(left) > 1:
             self._compare(told, left)
-            apart = [k for k in left if not told[k]["agrees"]]
-            if not apart:
+            odd = self._confirmed(told, left)
+            if odd is None:
                 break
-            odd = self._odd(apart, left)
-            told[odd] |= self._differs(odd, left, told[odd])
             if len(left) == 2:  # which of the two has changed, they cannot tell
                 break
             left.remove(odd)
             for k in left:
                 told[k] |= {"agrees": True}
         return told
+
+    def _confirmed(self, told: list[dict[str, Any]], left: Sequence[int]) -> int | None:
+        """The odd one of the logs ``left``, with what differs noted; None if all agree.
+
+        A log that a fit of it alone predicts better agrees all the same where no parameter differs: a fit of fewer
+        episodes may end in another valley.
+        """
+        apart = [k for k in left if not told[k]["agrees"]]
+        while apart:
+            odd = self._odd(apart, left)
+            found = self._differs(odd, left, told[odd])
+            if found["moved"] or told[odd]["score"] > self._sure(2 * len(left)):
+                told[odd] |= found
+                return odd
+            told[odd]["agrees"] = True
+            apart.remove(odd)
+        return None
 
     def _about(self, log: int) -> dict[str, Any]:
         data, rows = self.evidence.log, self.evidence.log.recording == log
@@ -219,7 +234,7 @@ def sentences(logs: Sequence[Mapping[str, Any]]) -> list[str]:
     if not apart and len(silent) == len(logs):
         return short
     if not apart:
-        return ["The logs agree: none is predicted better by a fit of it alone.", *short]
+        return ["The logs agree: no parameter of one is told from those of the others.", *short]
     same = [log["name"] for log in logs if not log.get("beside") and log["name"] not in silent]
     agree = f" {_listed(same)} agree." if len(same) > 1 else ""
     return [f"THE LOGS DISAGREE: fit those apart that differ.{agree}", *(_of_one(log) for log in apart), *short]
