@@ -24,7 +24,8 @@ class Disturbance:
 
     Args:
         linear, angular: standard deviations of the noise added to velocities after each step [m/s, rad/s].
-        parameters: (K, np) sets of physical parameters; each episode draws one. None: the model's own.
+        parameters: (K, np) sets of physical parameters, or (K, np + n) with the delay, lag and biases of each, as
+            ``candidates`` of a model; each episode draws one. None: the model's own.
     """
 
     linear: float = 0.0
@@ -53,6 +54,8 @@ def parameter_sets(
 ) -> np.ndarray | None:
     """Sets (count, np) for a ``Disturbance``: the model's candidates, each number scaled by 1 +- up to ``relative``.
 
+    Delay, lag and biases at the end of candidates stay as they are drawn.
+
     Without candidates, the model's own parameters are scaled. ``factors``, such as "friction:0.5:1.5,mass:0.9:1.1",
     then multiply what a name or a group stands for: one factor a set, its logarithm even between those of the ends.
     None if there are no parameters, or nothing to vary. Raises UserError for factors that cannot be read, or that
@@ -69,10 +72,11 @@ def parameter_sets(
     base = inner.parameters[None] if inner.candidates is None else inner.candidates
     chosen = base[rng.integers(len(base), size=count)]
     low, high = np.array([(p.low, p.high) for p in inner.scene.parameters]).T
+    chosen, between = np.split(chosen, [len(inner.parameters)], axis=1)
     chosen = chosen * (1.0 + relative * rng.uniform(-1.0, 1.0, chosen.shape))
     for columns, least, most in _factors(factors, inner.scene, inner.parameters):
         chosen[:, columns] *= np.exp(rng.uniform(np.log(least), np.log(most), (count, 1)))
-    return np.clip(chosen, low, high)
+    return np.hstack([np.clip(chosen, low, high), between])
 
 
 def _factors(text: str, scene: Scene, theta: np.ndarray) -> list[tuple[np.ndarray, float, float]]:

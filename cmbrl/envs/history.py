@@ -49,7 +49,7 @@ def commands(mdp: MDP, model: object) -> dict[str, Any]:
     Empty where there is neither, as where encoders have biases alone.
     """
     wiring = wiring_of(model)
-    delay, lag = (0.0, 0.0) if wiring is None else (wiring.delay, wiring.lag)
+    delay, lag = (0.0, 0.0) if wiring is None else (float(wiring.delay), float(wiring.lag))
     return {"delay": delay, "lag": lag, "last_actions": mdp.last_actions} if delay or lag or mdp.last_actions else {}
 
 

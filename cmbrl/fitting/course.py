@@ -248,6 +248,12 @@ class Course(Refining):
         return {"tried": stepping(self.evidence, self.huber, self.journal.check_time, self.budget.judged)}
 
     def _compare(self) -> dict[str, Any]:
+        if len(self.evidence.names) < 2:
+            return {"logs": []}
         loss, work = self.loss(self.budget.polish_rows), (self.budget.fold_iterations, self.journal)
+        shorter = self.loss(self.budget.polish_rows, steps=max(1, self.survey.horizon // 3))
         z, active = self.incumbent.z, self.incumbent.active
-        return {"logs": Comparison(self.evidence, loss, z, active, self.count, self.seed, *work).run()}
+        active = active if active.any() else self.movable
+        lacks = self.discrepancy().covariance(z, active)
+        told = Comparison(self.evidence, loss, shorter, lacks, z, active, self.count, self.seed, *work).run()
+        return {"logs": told}

@@ -26,7 +26,6 @@ from cmbrl.fitting.log.columns import ColumnsCheck
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.noise import sensor_noise
 from cmbrl.fitting.log.rate import RateCheck
-from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.outcome.report import conclude
 from cmbrl.fitting.outcome.verdict import by_horizon
 from cmbrl.fitting.result import FitResult
@@ -138,11 +137,10 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "finer": course.finer,
         "pace": course.pace.told if course.pace else None,
     }  # fmt: skip
-    discrepancy = Discrepancy(evidence, course.survey, huber, course.seed, budget.survey_rows, journal)
     loss, told = (course.loss(budget.polish_rows, told) for told in (False, True))
     return conclude(
         evidence.model, evidence.log, evidence.space, loss, told, course.held_out, incumbent, journal, about,
-        discrepancy, budget, course.movable,
+        course.discrepancy(), budget, course.movable,
     )  # fmt: skip
 
 

@@ -111,20 +111,32 @@ class FitResult:
         Parameters that the data inform vary jointly, with the covariance of the fit (``outcome.identify``), as far as
         the log bears it (``outcome.draws``).
         """
-        scene = self.model.scene
+        return self._draws(count, seed)[:, : len(self.model.parameters)]
+
+    def candidates(self, count: int, seed: int = 0) -> np.ndarray:
+        """The same draws, as a model takes them: (count, np + n) with the delay, lag and biases of each.
+
+        (count, np) where the fit informs none of these; then all have the fit's own.
+        """
+        drawn, own = self._draws(count, seed), len(self.model.parameters)
+        told = {p.name for p in self.model.observer.parameters} & set(self.report["covariance"]["parameters"])
+        return drawn if told else drawn[:, :own]
+
+    def _draws(self, count: int, seed: int) -> np.ndarray:
+        """(count, np + n)."""
+        scene, observer = self.model.scene, self.model.observer
         nominal = np.array([self.parameters[p.name].nominal for p in scene.parameters])
-        space = Space.of(scene.parameters, nominal)
+        space = Space.of((*scene.parameters, *observer.parameters), np.append(nominal, observer.nominal))
+        value = np.append(self.model.parameters, observer.vector(self.model.observation))
         saved = self.report["covariance"]
-        own = [k for k, name in enumerate(saved["parameters"]) if name in space.names]  # not those of the observation
-        told = [space.names.index(saved["parameters"][k]) for k in own]
-        size = len(saved["parameters"])  # 0 where the file is right and nothing was fitted
-        matrix = np.array(saved["matrix"], dtype=float).reshape(size, size)[np.ix_(own, own)]
-        matrix *= saved.get("share", 1.0) ** 2
-        return space.theta(around(space.z(self.model.parameters), np.array(told, dtype=int), matrix, count, seed))
+        told = [space.names.index(name) for name in saved["parameters"]]
+        size = len(told)  # 0 where the file is right and nothing was fitted
+        matrix = np.array(saved["matrix"], dtype=float).reshape(size, size) * saved.get("share", 1.0) ** 2
+        return space.theta(around(space.z(value), np.array(told, dtype=int), matrix, count, seed))
 
     def uncertain_model(self, count: int = 256, seed: int = 0) -> ComplementarityModel:
         """The fitted model with ``count`` draws as its candidates, to train policies on; without any for 0."""
-        return self.model.with_settings(candidates=self.draws(count, seed) if count else None)
+        return self.model.with_settings(candidates=self.candidates(count, seed) if count else None)
 
     def report_text(self) -> str:
         """The report as text: what was fitted, how well, and what the data leave open."""

@@ -14,6 +14,7 @@ from cmbrl.fitting.choice.trials import Incumbent
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.judge import Judge
 from cmbrl.fitting.log.survey import Survey
+from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.pace import ALLOWED, Pace, Plan, Speed
 from cmbrl.fitting.search.folds import Folds, draw_starts
 from cmbrl.fitting.search.loss import Errors, PredictionLoss
@@ -84,15 +85,19 @@ class Standing:
         """Those that the survey tries."""
         return tuple(sorted(self.horizons)[: self.budget.horizons])
 
-    def loss(self, limit: int, told: bool = False) -> PredictionLoss:
-        """At the horizon of the survey, over at most ``limit`` transitions.
+    def loss(self, limit: int, told: bool = False, steps: int | None = None) -> PredictionLoss:
+        """At the horizon of the survey, or of ``steps``, over at most ``limit`` transitions.
 
         ``told``: in the units that the report tells errors in, the standard deviations of the change.
         """
-        steps, evidence = self.survey.horizon, self.evidence
+        evidence, steps = self.evidence, steps or self.survey.horizon
         starts = draw_starts(evidence.log, steps, limit, self.seed, self.count)
         left = None if told else self.survey.left
         return evidence.loss(starts, steps, *evidence.scales(steps, self.huber, self.survey.noise, left))
+
+    def discrepancy(self) -> Discrepancy:
+        """What the model lacks, in parameters."""
+        return Discrepancy(self.evidence, self.survey, self.huber, self.seed, self.budget.survey_rows, self.journal)
 
     @property
     def movable(self) -> np.ndarray:

@@ -68,8 +68,20 @@ def fit_for(fit: ComplementarityModel, nominal: ComplementarityModel, label: str
         candidates = np.tile(theta, (len(fit.candidates), 1))
         candidates[:, there] = fit.candidates[:, taken]
         candidates = np.clip(candidates, *np.array([(p.low, p.high) for p in scene.parameters]).T)
+        candidates = np.hstack([candidates, _between(fit, nominal)])
     observation = {name: x for name, x in between.items() if name in known}
     return nominal.with_settings(parameters=theta, candidates=candidates, observation=observation)
+
+
+def _between(fit: ComplementarityModel, model: ComplementarityModel) -> np.ndarray:
+    """What ``fit``'s candidates end with, by name as those of ``model`` do: (K, n), or (K, 0) where they do not."""
+    assert fit.candidates is not None
+    rows = fit.candidates[:, len(fit.parameters) :]
+    if not rows.shape[1]:
+        return rows
+    known = {p.name: k for k, p in enumerate(fit.observer.parameters)}
+    columns = [rows[:, known[p.name]] if p.name in known else 0.0 * rows[:, 0] for p in model.observer.parameters]
+    return np.column_stack(columns)
 
 
 def _is_without_play(scene: Scene, own: Scene) -> bool:
@@ -83,8 +95,10 @@ def without_play(fit: ComplementarityModel, scene: Scene) -> ComplementarityMode
     """``fit`` of a file with play, on the ``scene`` of the same file without: its laws, parameters and candidates."""
     known = {p.name: k for k, p in enumerate(fit.scene.parameters)}
     columns = [known[p.name] for p in scene.parameters]
-    candidates = None if fit.candidates is None else fit.candidates[:, columns]
-    return fit.with_settings(scene=scene, parameters=fit.parameters[columns], candidates=candidates)
+    bare = fit.with_settings(scene=scene, parameters=fit.parameters[columns], candidates=None)
+    if fit.candidates is None:
+        return bare
+    return bare.with_settings(candidates=np.hstack([fit.candidates[:, columns], _between(fit, bare)]))
 
 
 def _check_robot(own: Scene, scene: Scene, label: str) -> None:

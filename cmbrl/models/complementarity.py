@@ -70,7 +70,8 @@ class ComplementarityModel(Variations):
             it ends otherwise; ``inf`` keeps all. Default: 3; 0.3 for a scene of many candidates, whose rows cost most.
         path_tolerance: relative distance of every complementarity product from its kappa at the solution.
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
-            evaluation under model uncertainty; stepping ignores them.
+            evaluation under model uncertainty; stepping ignores them. (K, np + n): they end with what lies between a
+            log and each of them, in the order of ``observer.parameters``.
         observation: biases, delay and lag by name (:class:`~cmbrl.models.observation.Observation`) that lie between a
             log and this model; stepping ignores them, ``seen`` applies them to a log, and processes on this model run
             through them (``wiring``).
@@ -115,13 +116,12 @@ class ComplementarityModel(Variations):
         self.prune, self.path_tolerance = chosen.prune, chosen.path_tolerance
         self.threads = whole(threads, "threads", most=256)
         self.parameters = scene.parameter_vector() if parameters is None else physical.checked(scene, parameters)
-        rows = None if candidates is None else np.atleast_2d(real_array(candidates, "candidates"))
-        self.candidates = None if rows is None else np.array([physical.checked(scene, row) for row in rows])
         self.activations = Activations.of(
             scene, self.time_step, self.substeps, self.parameters, rk4=self.integrator == "rk4"
         )
         self.observation = dict(observation or {})
         self.observer.vector(self.observation)  # raises for an unknown name
+        self.candidates = None if candidates is None else physical.checked_sets(scene, self.observer, candidates)
         self.failures = 0
         self.stepper = Stepper(scene, chosen.options(scene), self.threads)
         self.coordinates = Coordinates.from_scene(scene)
@@ -139,8 +139,9 @@ class ComplementarityModel(Variations):
     @property
     def wiring(self) -> Wiring | None:
         """The same for a process that runs on this model; None if there is nothing between."""
-        observer = self.observer
-        return Wiring.of(observer, observer.vector(self.observation), self.scene.nq, self.activations)
+        observer, sets = self.observer, self.candidates
+        more = sets if sets is not None and sets.shape[1] > len(self.parameters) else None
+        return Wiring.of(observer, observer.vector(self.observation), self.scene.nq, self.activations, more)
 
     def seen(self, log: Transitions) -> Transitions:
         """``log`` as this model's state and control, with the joints that it does not tell (``following``)."""

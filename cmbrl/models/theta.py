@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.errors import UserError
+from cmbrl.models.observation import Observation
 from cmbrl.numbers import real_array
 from cmbrl.scene import Scene
 
@@ -21,6 +22,14 @@ def checked(scene: Scene, theta: Any) -> np.ndarray:
         if not p.low <= x <= p.high:
             raise UserError(f"parameter {p.name} = {x:g} is outside its bounds [{p.low:g}, {p.high:g}]")
     return theta
+
+
+def checked_sets(scene: Scene, observer: Observation, sets: Any) -> np.ndarray:
+    """A copy of ``sets`` (K, np), or (K, np + n) with what lies between a log and each; raises as ``checked``."""
+    rows, count = np.atleast_2d(real_array(sets, "candidates")), len(scene.parameters)
+    for row in rows:
+        checked(scene, row[:count] if row.shape == (count + len(observer),) else row)
+    return np.array(rows)
 
 
 def by_name(scene: Scene, theta: np.ndarray) -> dict[str, float]:

@@ -14,8 +14,7 @@ actuators that have a state, which are 0 when an episode begins.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import expm1
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -28,54 +27,71 @@ from cmbrl.models.protocol import Model
 
 Step = Callable[..., tuple[Tensor, Tensor]]
 LEAST = 1e-3  #: of a step: a shorter delay or lag acts as none
+_NONE = 1e-12  # s: a lag that is divided by
 
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
     """``delay`` and ``lag`` [s] of commands, ``bias`` (nq,) of coordinates and its part ``shift`` (nu,) of controls.
 
-    ``holds`` (nu,) bool: position servos, which held the first command before an episode; motors were off.
+    They have a row each: one for all robots, or one a robot (``rows``). ``holds`` (nu,) bool: position servos, which
+    held the first command before an episode; motors were off. ``kept``: past commands in memory; ``lags``: whether
+    it holds a lag's state as well. ``observer`` and ``nq`` are the model's, to read the rows of other robots;
+    ``physical``: after how many parameters these begin, if there are any.
     """
 
-    dt: float
-    delay: float
-    lag: float
+    observer: Observation
+    nq: int
+    physical: int | None
+    delay: Tensor
+    lag: Tensor
     bias: Tensor
     shift: Tensor
     holds: Tensor
+    kept: int
+    lags: bool
     activations: Activations | None = None
 
     @classmethod
     def of(
-        cls, observer: Observation, psi: np.ndarray, nq: int, activations: Activations | None = None
+        cls,
+        observer: Observation,
+        psi: np.ndarray,
+        nq: int,
+        activations: Activations | None = None,
+        candidates: np.ndarray | None = None,
     ) -> Wiring | None:
-        """That of ``psi`` (n,); None if it changes nothing."""
-        delay, lag = (
-            max([x for p, x in zip(observer.parameters, psi.tolist(), strict=False) if p.group == group], default=0.0)
-            for group in (DELAY, LAG)
-        )
-        delay, lag = (x if x > LEAST * observer.dt else 0.0 for x in (delay, lag))
-        bias, shift = np.zeros(nq), observer.servo @ psi[: observer.servo.shape[1]]
-        bias[observer.joints_q] = psi[: len(observer.joints_q)]
-        if not (delay or lag or bias.any() or shift.any() or activations):
+        """That of ``psi`` (n,), with memory for what all ``candidates`` (K, np + n) end with. None: no effect."""
+        physical, every = None, psi[None, : len(observer)]
+        if candidates is not None:
+            physical = candidates.shape[1] - len(observer)
+            every = np.vstack([every, candidates[:, physical:]])
+        delay, lag, bias, shift = _read(observer, every, nq)
+        if candidates is None and not (delay.any() or lag.any() or bias.any() or shift.any() or activations):
             return None
-        offset, shifts, holds = (torch.from_numpy(x) for x in (bias, shift, observer.holds))
-        return cls(observer.dt, delay, lag, offset, shifts, holds, activations)
+        kept = int(float(delay.max()) / observer.dt) + 1 if delay.any() else 0
+        holds, lags = torch.from_numpy(observer.holds), bool(lag.any())
+        return cls(observer, nq, physical, delay[:1], lag[:1], bias[:1], shift[:1], holds, kept, lags, activations)
+
+    def rows(self, psi: Tensor) -> Wiring:
+        """Robots with one of their own each: psi (B, n), of those that the memory was made for."""
+        delay, lag, bias, shift = _read(self.observer, psi.numpy(), self.nq)
+        return replace(self, delay=delay, lag=lag, bias=bias, shift=shift)
+
+    @property
+    def dt(self) -> float:
+        """Of a control step [s]."""
+        return self.observer.dt
 
     @property
     def late(self) -> float:
-        """Delay and lag together [s]."""
-        return self.delay + self.lag
-
-    @property
-    def kept(self) -> int:
-        """Past commands in memory."""
-        return int(self.delay / self.dt) + 1 if self.delay else 0
+        """The longest delay and lag together [s]."""
+        return float((self.delay + self.lag).max())
 
     @property
     def late_width(self) -> int:
         """Columns of the memory that hold commands."""
-        return len(self.holds) * (self.kept + bool(self.lag))
+        return len(self.holds) * (self.kept + self.lags)
 
     def begin(self, count: int) -> Tensor:
         """The memory (count, ...) of robots at rest; NaN stands for the first command."""
@@ -86,18 +102,19 @@ class Wiring:
     def arrive(self, memory: Tensor, command: Tensor) -> tuple[Tensor, Tensor]:
         """The mean (B, nu) of what reaches the motors in a step under ``command`` (B, nu), and the next memory."""
         nu, kept = command.shape[1], self.kept
-        if not self.late:
+        if not self.late_width:
             return command, memory
         told = torch.where(torch.isnan(memory), command.repeat(1, memory.shape[1] // nu), memory)
         queue = [command, *(told[:, nu * k : nu * (k + 1)] for k in range(kept))]  # newest first
-        early, first = queue[-1], self.delay - max(kept - 1, 0) * self.dt
-        later = queue[-2] if kept else command
-        if not self.lag:
+        whole = (self.delay / self.dt).floor()
+        first = self.delay - whole * self.dt
+        later, early = (_picked(queue, (whole + k).long()) for k in (0, 1))
+        if not self.lags:
             share = first / self.dt
             return share * early + (1.0 - share) * later, torch.cat(queue[:kept], dim=1)
         state, total = told[:, nu * kept :], torch.zeros_like(command)
         for target, time in ((early, first), (later, self.dt - first)):
-            moved = -expm1(-time / self.lag)  # share of the way to the target
+            moved = -torch.expm1(-time / self.lag.clamp_min(_NONE))  # share of the way to the target
             total = total + time * target + self.lag * moved * (state - target)
             state = state + moved * (target - state)
         return total / self.dt, torch.cat([*queue[:kept], state], dim=1)
@@ -111,6 +128,26 @@ class Wiring:
             states = self.activations.next(controls, *more)
         q_next, v_next = step(q - self.bias, v, controls, *more)
         return q_next + self.bias, v_next, torch.cat([late, states], dim=1)
+
+
+def _read(observer: Observation, psi: np.ndarray, nq: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    """Delay and lag (R, 1), bias (R, nq) and its part (R, nu) of controls, of ``psi`` (R, n or more)."""
+    groups = [p.group for p in observer.parameters]
+    late = [psi[:, [groups.index(name)]] if name in groups else np.zeros((len(psi), 1)) for name in (DELAY, LAG)]
+    late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in late]
+    bias = np.zeros((len(psi), nq))
+    bias[:, observer.joints_q] = psi[:, : len(observer.joints_q)]
+    shift = psi[:, : observer.servo.shape[1]] @ observer.servo.T
+    delay, lag, offset, shifts = (torch.from_numpy(np.ascontiguousarray(x)) for x in (*late, bias, shift))
+    return delay, lag, offset, shifts
+
+
+def _picked(queue: list[Tensor], place: Tensor) -> Tensor:
+    """Of the commands (B, nu) in ``queue`` that at ``place`` (1, 1), or (B, 1) by robot; beyond, the last."""
+    place = place.clamp(max=len(queue) - 1)
+    if len(place) == 1:
+        return queue[int(place)]
+    return torch.stack(queue, dim=1).take_along_dim(place[:, :, None], dim=1)[:, 0]
 
 
 @runtime_checkable
@@ -139,7 +176,8 @@ def wiring_of(model: object) -> Wiring | None:
 class Robots:
     """``count`` robots of ``model`` side by side: its step, with what the wiring of each row remembers.
 
-    A model without a wiring is stepped as it is.
+    A model without a wiring is stepped as it is. Parameters (count, np + n) given to a step end with what lies between
+    commands and each robot, as candidates of the model do.
     """
 
     def __init__(self, model: Model, count: int) -> None:
@@ -147,6 +185,7 @@ class Robots:
         self._model_step = model.step
         self.step: Step = self._model_step if self.wiring is None else self._wired_step
         self.memory = self._begin(count)
+        self._read: tuple[Tensor, Wiring] | None = None  # the last parameters, and their wirings
 
     def restart(self, rows: Tensor) -> None:
         """Puts the robots in ``rows`` (R,) to rest."""
@@ -160,7 +199,18 @@ class Robots:
     def _begin(self, count: int) -> Tensor:
         return torch.zeros(count, 0, dtype=torch.float64) if self.wiring is None else self.wiring.begin(count)
 
-    def _wired_step(self, q: Tensor, v: Tensor, u: Tensor, *more: Any) -> tuple[Tensor, Tensor]:
+    def _wired_step(
+        self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None, *more: Any
+    ) -> tuple[Tensor, Tensor]:
         assert self.wiring is not None
-        q, v, self.memory = self.wiring.move(self._model_step, self.memory, q, v, u, *more)
+        wiring, given = self.wiring, () if theta is None else (theta, *more)
+        if theta is not None and wiring.physical is not None and theta.shape[-1] > wiring.physical:
+            wiring, given = self._of_rows(theta, wiring.physical), (theta[:, : wiring.physical], *more)
+        q, v, self.memory = wiring.move(self._model_step, self.memory, q, v, u, *given)
         return q, v
+
+    def _of_rows(self, theta: Tensor, physical: int) -> Wiring:
+        assert self.wiring is not None
+        if self._read is None or self._read[0] is not theta:
+            self._read = theta, self.wiring.rows(theta[:, physical:])
+        return self._read[1]

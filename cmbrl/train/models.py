@@ -65,7 +65,7 @@ def load_model(
     if draws and word not in _BUILT_IN and holds_fit(word):
         from cmbrl.fitting import FitResult
 
-        candidates = FitResult.load(word).draws(draws, seed)
+        candidates = FitResult.load(word).candidates(draws, seed)
     policy = parse_smoothing(smoothing) if smoothing else None
     model = named_model(word, task, policy, threads, candidates)
     if word == NOMINAL or not isinstance(model, ComplementarityModel):

@@ -105,6 +105,35 @@ def test_a_floating_base_is_known_by_its_letters() -> None:
     assert match(["p"], {"p": "base.x:mm"}, robot)["p"] == Target("cube", "x", 1e-3)
 
 
+BODIES = """<mujoco><worldbody>
+<body><joint name="shoulder" type="ball"/><geom size=".1"/>
+<body><joint name="elbow"/><geom size=".1" pos=".2 0 0"/></body></body>
+<body name="cube" pos="1 0 0"><freejoint name="cube_joint"/><geom size=".1"/></body>
+<body name="lid" pos="2 0 0"><freejoint name="lid"/><geom size=".1"/></body></worldbody>
+<actuator><motor name="turn" joint="shoulder" gear="1 0 0"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(
+    ("column", "target"),
+    [
+        ("shoulder_qw", Target("shoulder", "qw")),
+        ("observation.shoulder.quat.qx", Target("shoulder", "qx")),
+        ("shoulder.wz", Target("shoulder", "wz")),
+        ("shoulder_x", None),  # which a ball joint does not have
+        ("cube.x", Target("cube_joint", "x")),
+        ("lid/pose/position/z", Target("lid", "z")),
+        ("lid_error_x", None),
+        ("elbow", Target("elbow", "position")),
+        ("qw", None),  # of which body?
+    ],
+)
+def test_ball_joints_and_several_bodies_are_known_by_their_names(
+    column: str, target: Target | None, tmp_path: Path
+) -> None:
+    (tmp_path / "bodies.xml").write_text(BODIES)
+    assert match([column], {}, Scene.from_mjcf(tmp_path / "bodies.xml")).get(column) == target
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [

@@ -272,6 +272,24 @@ def test_a_sensor_that_loses_its_noise_is_stuck(stop: int) -> None:
         replace(log, position=stuck).check(scene)
 
 
+@pytest.mark.parametrize(("noise", "told"), [(3e-4, 1), (0.0, 0)])
+def test_the_quaternion_of_a_ball_joint_that_loses_its_noise_is_stuck(noise: float, told: int) -> None:
+    """Without noise, the joint may rest."""
+    scene = Scene.from_mjcf(
+        '<mujoco><worldbody><body><joint name="shoulder" type="ball"/><geom size=".1" pos=".2 0 0"/></body></worldbody>'
+        '<actuator><motor joint="shoulder" gear="1 0 0"/></actuator></mujoco>'
+    )
+    time, rng = 0.01 * np.arange(1201), np.random.default_rng(0)
+    half = 0.15 * np.stack([np.sin(2 * time), np.sin(1.3 * time), np.cos(1.7 * time)], axis=1)
+    half += noise * rng.normal(size=half.shape)
+    turn = np.column_stack([np.sqrt(1 - (half**2).sum(axis=1)), half])
+    turn[700:1000] = turn[700]
+    v = np.vstack([scene.difference(turn[:-1], turn[1:]), np.zeros((1, 3))]) / 0.01
+    log = {"q": turn[:-1], "v": v[:-1], "u": np.zeros((1200, 1)), "q_next": turn[1:], "v_next": v[1:]}
+    found = plausible.of_transitions({**log, "dt": 0.01, "episode": np.zeros(1200, dtype=int)}, scene)
+    assert sum("the quaternion of shoulder is constant from row 700 to 999" in one.text for one in found) == told
+
+
 @pytest.mark.parametrize("sensor", [lambda x: x, lambda x: np.round(x / 1e-3) * 1e-3], ids=["exact", "counts"])
 def test_a_joint_that_is_carried_and_does_not_move_may_stick(sensor: Callable[[np.ndarray], np.ndarray]) -> None:
     log, scene = sprung(sensor)

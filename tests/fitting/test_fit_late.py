@@ -62,6 +62,12 @@ def test_the_delay_of_a_state_log_comes_back(tmp_path: Path) -> None:
     assert wiring is not None
     assert wiring.late == pytest.approx(0.03, abs=0.003)
     assert wiring.delay > 0.02
+    model, alike = found.uncertain_model(200), found.model.observer
+    delays, lags = model.candidates[:, -2], model.candidates[:, -1]  # one each, whose sum the log tells best
+    assert [p.group for p in alike.parameters[-2:]] == ["delay", "lag"]
+    assert 0.0 < np.std(delays) < 0.01
+    assert np.mean(delays + lags) == pytest.approx(0.03, abs=0.003)
+    assert model.candidates[:, : len(model.parameters)].tolist() == found.draws(200).tolist()
 
 
 def test_no_delay_is_claimed_of_a_prompt_robot(tmp_path: Path) -> None:

@@ -49,8 +49,25 @@ def test_a_log_of_another_state_of_the_robot_is_named(carts, pair):
     assert moved["others_low"] < 1.0 < moved["others_high"]
     text = " ".join(result.report_text().split())
     assert "THE LOGS DISAGREE" in text
-    assert "friday: a fit of it alone predicts" in text
+    assert "monday and tuesday agree. friday differs from monday and tuesday: alone, a fit predicts" in text
+    assert found["monday"]["agrees"]
+    assert found["tuesday"]["agrees"]
+    assert moved["apart"]["unit"] == "times"
+    assert moved["apart"]["low"] < 4.0 < moved["apart"]["high"]
+    assert found["friday"]["explained"] > 0.9
+    assert result.report_text().startswith("The logs disagree (friday differs): fit them apart. ")
     assert "likely joints that were warmer, oiled or worn" in text
+
+
+def test_a_log_that_is_too_short_to_be_held_out_ends_no_fit(carts, pair):
+    """One episode, whose parts have as many rows as are predicted at once, or fewer."""
+    short = carts.record(carts.truth(2, **BOTH), episodes=1, steps=60, seed=1, noise=0.01)
+    for steps, compared in ((8, True), (20, False)):
+        result = cmbrl.fit(carts.model(2), {"long": pair[0], "short": short}, groups=GROUPS, horizon=steps)
+        found = {log["name"]: log for log in result.report["logs"]}
+        assert all(log["agrees"] for log in found.values())
+        assert found["short"]["compared"] == compared
+        assert ("short could not be compared" in " ".join(result.report_text().split())) != compared
 
 
 def test_each_log_is_held_out_by_its_own_episodes_and_a_single_episode_in_parts(carts):

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from cmbrl import ComplementarityModel, Scene, Transitions
+from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP, never
 from cmbrl.models.observation import Observation
@@ -110,6 +111,76 @@ def test_a_simulation_moves_as_the_log_that_it_would_leave(arm: Scene) -> None:
     found = model.predict(seen.q, seen.v, seen.u)
     np.testing.assert_allclose(found.q_next, seen.q_next, atol=1e-9)
     np.testing.assert_allclose(found.v_next, seen.v_next, atol=1e-7)
+
+
+def test_robots_have_delay_lag_and_bias_of_their_own(arm: Scene) -> None:
+    """Draws of all of these, side by side, move as one model of each does alone."""
+    late = [(0.013, 0.02, 0.05), (0.0, 0.0, 0.0), (0.031, 0.0, -0.02), (0.0, 0.025, 0.01)]
+    models, given = [model_of(arm, *each) for each in late], commands(20, 4)
+    theta = models[0].parameters * np.linspace(0.9, 1.0, 4)[:, None]
+    theta = np.maximum(theta, [p.low for p in arm.parameters])
+    sets = [np.append(x, m.observer.vector(m.observation)) for x, m in zip(theta, models, strict=True)]
+    together = Robots(models[0].with_settings(candidates=np.array(sets)), 4)
+    apart = [Robots(model.with_parameters(x), 1) for model, x in zip(models, theta, strict=True)]
+    own = torch.from_numpy(np.array(sets))
+    q = v = torch.zeros(4, 2, dtype=torch.float64)
+    singly = [(q[:1], v[:1]) for _ in apart]
+    for command in given:
+        q, v = together.step(q, v, command, own)
+        singly = [robot.step(*state, command[[k]]) for k, (robot, state) in enumerate(zip(apart, singly, strict=True))]
+    torch.testing.assert_close(q, torch.cat([state[0] for state in singly]), rtol=1e-9, atol=1e-11)
+    torch.testing.assert_close(v, torch.cat([state[1] for state in singly]), rtol=1e-9, atol=1e-9)
+
+
+def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
+    """As where a fit knows its delay to be none."""
+    model = model_of(arm, 0.0, 0.0)
+    sets = np.append(model.parameters, np.zeros(5))[None]
+    robots, state = Robots(model.with_settings(candidates=sets), 1), torch.zeros(1, 2, dtype=torch.float64)
+    found = robots.step(state, state, commands(1, 1)[0], torch.from_numpy(sets))
+    torch.testing.assert_close(found[1], model.step(state, state, commands(1, 1)[0])[1], rtol=0, atol=0)
+
+
+def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm: Scene) -> None:
+    model = model_of(arm, 0.013, 0.02)
+    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, d, lag]) for d, lag in LATE])
+    wiring = model.with_settings(candidates=sets).wiring
+    assert wiring is not None
+    robots = wiring.rows(torch.from_numpy(sets[:, len(model.parameters) :]))
+
+    def arrived(given: torch.Tensor) -> torch.Tensor:
+        memory, found = robots.begin(len(LATE)), []
+        for command in given:
+            control, memory = robots.arrive(memory, command)
+            found.append(control)
+        return torch.cat(found)
+
+    assert torch.autograd.gradcheck(arrived, commands(5, len(LATE)).requires_grad_(), atol=1e-9)
+
+
+def test_every_episode_has_a_delay_of_its_own(arm: Scene) -> None:
+    """Also where the fit itself has none, and after an episode's end."""
+    model = model_of(arm, 0.0, 0.0)
+    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, d, 0.0]) for d in (0.0, 0.02)])
+    model = model.with_settings(candidates=sets)
+    simulation = Simulation(process(arm, 4), model, 16, disturbance=Disturbance(parameters=parameter_sets(model, 0.0)))
+    push, seen = torch.ones(16, 2, dtype=torch.float64), []
+    for _ in range(2):
+        delays = simulation.theta[:, -2].clone()
+        assert set(delays.tolist()) == {0.0, 0.02}
+        simulation.step(simulation.observe(), push)
+        assert all(len(simulation.v[delays == d].unique(dim=0)) == 1 for d in (0.0, 0.02))
+        assert len(simulation.v.unique(dim=0)) == 2
+        for _ in range(3):
+            simulation.step(simulation.observe(), push)
+        seen.append(delays)
+    assert not torch.equal(*seen)
+    state = simulation.state()
+    simulation.step(simulation.observe(), push)
+    after = simulation.v.clone()
+    simulation.restore(state)
+    simulation.step(simulation.observe(), push)
+    torch.testing.assert_close(simulation.v, after, rtol=0, atol=0)
 
 
 def test_gradients_flow_through_late_commands_and_stop_where_they_are_cut(arm: Scene) -> None:

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 
 from cmbrl.errors import UserError
+from cmbrl.fitting.search.gauge import common_factors
 from cmbrl.scene import Scene
 from cmbrl.scene.core.inverse_weights import factors
 from cmbrl.scene.forces.actuators import UNLIMITED
 from cmbrl.scene.info.inventory import to_dict
 from cmbrl.scene.info.report import describe
+from cmbrl.scene.writing.fitted_file import fitted_file
 
 from .conftest import Load
 
@@ -59,6 +61,27 @@ def test_gains_of_a_servo_whose_control_is_no_angle(name: str, value: float, loa
     theta[[p.name for p in scene.parameters].index(name)] = value
     changed = grip(0.5 * share, 2.0 * share, 100.0 * share, damping)
     np.testing.assert_allclose(scene.physical_vector(theta), changed.core.P, rtol=1e-12)
+
+
+def test_the_gain_of_a_velocity_servo_is_that_of_the_file(load: Load) -> None:
+    """It moves target and speed alike, gears do not; all forces, it among them, are known up to a common factor."""
+
+    def wheel(gain: float) -> Scene:
+        servo = f'<velocity name="wheel" joint="h" kv="{gain}"/><motor name="push" joint="x"/>'
+        return load(WORLD.format(**VALUES), f"<actuator>{servo}</actuator>")[0]
+
+    scene = wheel(3.0)
+    names = [p.name for p in scene.parameters]
+    theta = scene.parameter_vector()
+    theta[names.index("kv.wheel")] = 2.4
+    fitted = fitted_file(scene, theta)
+    assert not fitted.missing
+    np.testing.assert_allclose(scene.physical_vector(theta), wheel(2.4).core.P, rtol=1e-12)
+    assert "gear.wheel" in names
+    assert "kv.push" not in names
+    sets = common_factors(scene.core, np.ones(len(names), dtype=bool))
+    assert names.index("kv.wheel") in sets[0]
+    assert names.index("gear.wheel") not in sets[0]
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,8 @@ def test_rounds_trials_and_transitions_are_counted(make_loop):
     assert loop.round == 2
     fitted = loop.model
     assert fitted is not None
-    assert fitted.candidates.shape == (8, len(fitted.parameters))
+    between = len(fitted.observer.parameters)  # delay, lag and biases of each
+    assert fitted.candidates.shape == (8, len(fitted.parameters) + between)
     assert not np.allclose(fitted.parameters, loop.nominal.parameters)
 
 
@@ -219,8 +220,8 @@ def test_the_fit_is_left_as_a_run_folder_of_cmbrl_fit(make_loop, tmp_path):
     loop.keep(tmp_path)
     kept = FitResult.load(tmp_path / "fit")
     np.testing.assert_array_equal(kept.model.parameters, loop.model.parameters)
-    np.testing.assert_allclose(kept.draws(SMALL.draws, seed=3), loop.model.candidates)
-    for count, drawn in (("5", kept.draws(5, seed=2)), ("0", None)):  # as `cmbrl train --model` takes it
+    np.testing.assert_allclose(kept.candidates(SMALL.draws, seed=3), loop.model.candidates)
+    for count, drawn in (("5", kept.candidates(5, seed=2)), ("0", None)):  # as `cmbrl train --model` takes it
         given = {"draws": count, "environments": "2"}
         trainer = set_up("hopper", "shac", str(tmp_path / "fit"), given, seed=2).trainer()
         parameters = trainer.simulation.disturbance.parameters
@@ -267,7 +268,7 @@ def test_what_a_fit_with_play_found_is_trained_on_kept_and_restored(make_loop, m
     own = [p.name for p in loop.nominal.scene.parameters]
     values = {name: p.value for name, p in loop.fitted.parameters.items()}
     np.testing.assert_allclose(loop.model.parameters, [values[name] for name in own])
-    assert loop.model.candidates.shape == (8, len(own))
+    assert loop.model.candidates.shape == (8, len(own) + len(loop.model.observer.parameters))
     resumed.restore(loop.state())
     loop.keep(tmp_path)
     assert loop.update() == resumed.update()

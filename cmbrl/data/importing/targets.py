@@ -46,6 +46,18 @@ SPEEDS = {"rpm"}  #: those that are of a velocity
 TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
 CLOCKS = {"%time": 1e-9, "__time": 1.0}  #: of ``rostopic echo -p`` and of PlotJuggler
 POSES = {"q": {"quat", "quaternion", "orientation", "rotation"}, "": {"pos", "position", "translation"}}  #: of a base
+_OF_BODIES = {
+    "pose",
+    "position",
+    "orientation",
+    "rotation",
+    "quat",
+    "quaternion",
+    "velocity",
+    "twist",
+    "linear",
+    "angular",
+}
 YIELDS = {"imu", "feedback"}  #: what these tell counts where no other column does
 UNNAMED = re.compile(r"(?P<array>.+?)\.?\[\d+\]")  #: a column of an array whose columns have no names
 EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
@@ -159,7 +171,7 @@ class _Guesser:
 
     def __init__(self, scene: Scene, angles: str) -> None:
         self.single, floating = joints_of(scene)
-        self.floating = _base(floating)
+        self.floating, self.bodies = _base(floating), floating
         self.angle = TURN_UNITS[angles]
         self.actuators, self.paced = scene.actuator_names, paced(scene)
         self.drivers = {name.lower(): name for name in scene.actuator_names}  # a joint's name may be the same
@@ -186,6 +198,8 @@ class _Guesser:
         stem, _, unit = re.sub(r"[ _]*[\[(](\w+)[\])]$", r"_\1", name).rpartition("_")
         if name in TIMES or (stem in TIMES and unit in UNITS["time"]):
             return Target("", "time", UNITS["time"].get(unit, 1.0))
+        if name not in self.owners and (own := self._of_body(name)):
+            return own
         hit = self.pattern.search(name) if self.pattern else None
         if hit is None:
             return self._of_base(name)
@@ -206,6 +220,18 @@ class _Guesser:
             return None
         factor = self.angle if joint.hinge and quantity != "torque" else 1.0
         return Target(joint.name, quantity, next((NAMED[word] for word in words & set(NAMED)), factor))
+
+    def _of_body(self, name: str) -> Target | None:
+        """A coordinate of a ball joint, or of a free one, after the joint's name: ``shoulder_qw``, ``pose.cube.x``."""
+        *_, last = re.split(r"[._/ ]", name)
+        for joint in self.bodies:
+            own = re.sub(r"_?joint$", "", joint.name.lower()) or joint.name.lower()
+            if last not in {**joint.position, **joint.velocity}:
+                continue
+            words = re.split(rf"(?<![a-z0-9]){re.escape(own)}(?![a-z0-9])", name[: len(name) - len(last)])
+            if len(words) == 2 and not set(re.split(r"[^a-z]+", " ".join(words))) - PLAIN - _OF_BODIES:
+                return Target(joint.name, last)
+        return None
 
     def _of_base(self, name: str) -> Target | None:
         *head, last = re.split(r"[._/ ]", name)

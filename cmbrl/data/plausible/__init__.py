@@ -39,6 +39,7 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     yield from ranges.of_transitions(log, scene)
     found = motion.of_transitions(log, scene)
     yield from _of_motion(found)
+    yield from still.turned(log["q"], found.blocks, scene)
     yield from frames.angular(log, scene)
     yield from flight.free_fall(log["q"], found.blocks, log["dt"], scene)
     yield from frames.unexplained(log, scene)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.motion import LAG, Motion
+from cmbrl.scene.records import JointKind
+
+if TYPE_CHECKING:
+    from cmbrl.scene import Scene
 
 LONG = 50  #: samples; and RARE times as long as others, so that coarse encoders are no fault
 RARE = 10
@@ -32,7 +37,8 @@ def stuck(motion: Motion) -> Iterator[Finding]:
             command, sure = motion.command_of(driven[k]), not _sticks(motion.now[:, k], run)
             cause = "a stuck sensor?" if sure else "a joint that sticks, or a stuck sensor?"
             yield Finding(f"{motion.position_of(k)} is constant {where} while {command} moves: {cause}", sure=sure)
-        elif _loud(motion, k, run) and (k not in driven or np.ptp(motion.u[run, driven[k]]) > 0):  # else see ``joined``
+        elif (k not in driven or np.ptp(motion.u[run, driven[k]]) > 0) and _loud(motion.now[:, k], motion.blocks, run):
+            # without a command that goes on: see ``joined``
             yield Finding(
                 f"{motion.position_of(k)} is constant {where}, without the noise that it has elsewhere: a stuck sensor?"
             )
@@ -94,22 +100,38 @@ def _sticks(x: np.ndarray, run: slice) -> bool:
     return bool(abs(counts[run.stop - 1]) <= max(_ONWARDS, usual))
 
 
-def _loud(motion: Motion, k: int, run: slice) -> bool:
-    """Whether the sensor of coordinate ``k`` shows noise outside of ``run``, of which no joint's rest is free.
+def _loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
+    """Whether the sensor of ``x`` (R,) shows noise outside of ``run``, of which no joint's rest is free.
 
     Third differences of noise alternate, with a correlation of -3/4; those of smooth motion go on. The calmest
     stretches tell it, where motion hides it least. Encoders with counts are quiet at rest.
     """
-    if _coarse(motion.now[:, k]) is not None:
+    if _coarse(x) is not None:
         return False
     calm = []
-    for block in motion.blocks:
+    for block in blocks:
         for start in range(block.start, block.stop - LONG + 1, LONG):
             if start >= run.stop or start + LONG <= run.start:
-                third = np.diff(motion.now[start : start + LONG, k], n=3)
+                third = np.diff(x[start : start + LONG], n=3)
                 calm.append((float(third @ third), float(third[1:] @ third[:-1])))
     square, product = np.sum(sorted(calm)[: max(len(calm) // 4, 1)], axis=0) if calm else (0.0, 0.0)
     return bool(len(calm) >= _STRETCHES and square > 0.0 and product < _ALTERNATES * square)
+
+
+def turned(q: np.ndarray, blocks: Iterable[slice], scene: Scene) -> Iterator[Finding]:
+    """Quaternions of q (R, nq) that repeat for long, without the noise that they have elsewhere."""
+    blocks = list(blocks)
+    for joint in scene.joints:
+        if joint.kind != JointKind.BALL or not len(q):
+            continue
+        turn = q[:, joint.qadr : joint.qadr + 4]
+        run = _longest(_runs(np.cumsum(np.r_[False, (np.diff(turn, axis=0) != 0).any(axis=1)])))
+        if run is not None and any(_loud(x, blocks, run) for x in turn.T[1:]):
+            name = scene.joint_names[joint.source]
+            yield Finding(
+                f"the quaternion of {name} is constant from row {run.start} to {run.stop - 1}, without the noise that "
+                "it has elsewhere: a stuck sensor?"
+            )
 
 
 def _carrier(motion: Motion, k: int, run: slice) -> int | None:

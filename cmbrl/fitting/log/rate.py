@@ -31,7 +31,7 @@ _FACTORS = (0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0)  # by which rates are mist
 _CLEARLY = 0.5  # of the loss at the log's own step
 _SURELY = 0.33  # of the loss at the log's own step, after a fit of the drives at either step
 _ROWS, _ITERATIONS, _PASSES = 1000, 12, 2
-_DRIVES = ("kp", "kd", "damping", "frictionloss", "friction", DELAY, LAG)
+_DRIVES = ("kp", "kd", "kv", "damping", "frictionloss", "friction", DELAY, LAG)
 
 
 @dataclass(frozen=True)

@@ -35,11 +35,10 @@ def bearable(
 ) -> float:
     """The share of their standard deviations by which parameters may be drawn, at most 1; ``covariance`` (n, n) in z.
 
-    What lies between log and model (biases, delay) stays as it is. About ``rows`` are predicted for each of the draws
+    So is what lies between log and model (biases, delay, lag). About ``rows`` are predicted for each of the draws
     ``tried``: enough for a median over draws.
     """
-    physical = np.array([name not in {p.name for p in loss.observation.parameters} for name in space.names])
-    places = np.flatnonzero((np.diag(covariance) > 0.0) & physical)
+    places = np.flatnonzero(np.diag(covariance) > 0.0)
     if not len(places):
         return 1.0
     drawn = around(z, places, covariance[np.ix_(places, places)], tried, _SEED)

@@ -15,6 +15,7 @@ _DIVERGED = 1e6  # times what the states vary by
 def first_line(report: Mapping[str, Any]) -> str:
     """In one line, what the fit is worth."""
     early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
+    early += _apart(report)
     held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
     if not report.get("fitted"):
         back = (report.get("selection") or [{}])[-1].get("group") == RETURN
@@ -37,6 +38,12 @@ def first_line(report: Mapping[str, Any]) -> str:
     short = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
     better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than the file"
     return f"{better} ({short}){_times_far(report)}{doubt}.{_reach(report)}"
+
+
+def _apart(report: Mapping[str, Any]) -> str:
+    """That logs of this fit disagree, which a fit of all of them cannot mend."""
+    apart = [log["name"] for log in report.get("logs") or () if log.get("beside")]
+    return f"The logs disagree ({', '.join(apart)} differ{'s' * (len(apart) == 1)}): fit them apart. " if apart else ""
 
 
 def _times(before: float, after: float) -> str:

@@ -25,7 +25,7 @@ from cmbrl.fitting.search.loss import NormalEquations
 from cmbrl.fitting.search.space import Space
 
 _NORMAL_95 = 1.96
-_REPEATED = 20.0  # by the share of the motion that the model leaves unexplained
+REPEATED = 20.0  #: by the share of the motion that the model leaves unexplained
 _NAMED = 0.3  # of the largest coefficient; smaller ones are not named
 _MAX_NAMED = 6
 _FLAT_VARIANCE = 0.5  # of the prior's
@@ -61,13 +61,14 @@ def identify(
     equations: NormalEquations,
     discrepancy: np.ndarray,
     sets: Sequence[Sequence[int]] = (),
+    beside: np.ndarray | None = None,
 ) -> Identification:
     """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior.
 
     ``discrepancy`` (n, n): the covariance that a wrong model adds. ``sets``: columns that motion tells up to a common
-    factor, also where only some of them are fitted.
+    factor, also where only some of them are fitted. ``beside`` (n, n): a covariance that intervals alone allow for.
     """
-    repeated = 1.0 + _REPEATED * equations.variance
+    repeated = 1.0 + REPEATED * equations.variance
     scale = equations.independent / max(equations.variance, 1e-12) / repeated
     columns = np.flatnonzero(fitted)
     own = np.ix_(columns, columns)
@@ -83,6 +84,7 @@ def identify(
                 staying.T @ (scale * repeated * equations.gradient + space.precision @ z)
             )
             wide[own] = spread[:, : len(columns)] + np.outer(drift, drift) + discrepancy[own]
+        wide[own] += 0.0 if beside is None else beside[own]
         directions = _flat_directions(scale * equations.hessian[own], [space.names[k] for k in columns])
     variance = np.where(fitted, np.diag(wide), 1.0)
     half = _NORMAL_95 * np.sqrt(variance)

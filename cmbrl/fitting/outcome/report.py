@@ -18,6 +18,7 @@ from cmbrl.fitting.outcome.draws import bearable
 from cmbrl.fitting.outcome.identify import Identification, identify
 from cmbrl.fitting.outcome.lateness import lateness
 from cmbrl.fitting.outcome.ratios import beside, ratios
+from cmbrl.fitting.outcome.untold_delay import UntoldDelay
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.search.gauge import common_factors
 from cmbrl.fitting.search.loss import Errors, PredictionLoss
@@ -55,7 +56,8 @@ def conclude(
     equations = loss.settled(space.theta(z)).normal_equations(space, z)
     sets = common_factors(model.scene.core, active | free)
     try:
-        known = identify(space, z, active, equations, discrepancy.covariance(z, active), sets)
+        lacks, late = discrepancy.covariance(z, active), UntoldDelay.of(space, z, active, equations)
+        known = identify(space, z, active, equations, lacks, sets, None if late is None else late.covariance)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
     bound, value = space.at_bound(z) & active, space.theta(z)
@@ -82,6 +84,7 @@ def conclude(
         "flat": named(known.flat),
         "flat_directions": known.directions,
         "unseen": named(known.unseen),
+        "untold_delay": None if late is None else late.told(space, np.diag(known.wide - late.covariance), data.dt),
         "lateness": lateness(space, z, known.wide, model.dt / model.substeps),
         **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {

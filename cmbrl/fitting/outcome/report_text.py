@@ -19,6 +19,7 @@ from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.lateness import lateness_told
 from cmbrl.fitting.outcome.laws_told import laws_told, play_told
 from cmbrl.fitting.outcome.unit import unit_told
+from cmbrl.fitting.outcome.untold_delay import untold_delay_told
 from cmbrl.fitting.outcome.verdict import MEASURES, MODELS, advice
 
 WIDTH = 100
@@ -212,7 +213,7 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
     for key, title in _LISTS:
         if report[key]:
             yield from _folded(title, report[key])
-    for told in (lateness_told(report), sum_told(parameters)):
+    for told in (lateness_told(report), untold_delay_told(report), sum_told(parameters)):
         yield from textwrap.wrap(told or "", WIDTH, subsequent_indent="  ")
     mjcf = report.get("mjcf", {})  # of a fit in a folder
     if mjcf.get("missing"):

@@ -12,7 +12,16 @@ import numpy as np
 
 from cmbrl.fitting.search.space import Space
 
-_GROUPS = ("damping", "armature", "frictionloss", "stiffness", "gear", "kp", "kd")  # of joints and their actuators
+_GROUPS = (
+    "damping",
+    "armature",
+    "frictionloss",
+    "stiffness",
+    "gear",
+    "kp",
+    "kd",
+    "kv",
+)  # of joints and their actuators
 
 
 def released(space: Space, z: np.ndarray, active: np.ndarray, begin: np.ndarray) -> np.ndarray | None:

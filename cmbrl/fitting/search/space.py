@@ -21,7 +21,7 @@ from cmbrl.scene import Parameter
 
 _BOUNDS_WIDTH_IN_SD = 6.0
 _ALIKE = (
-    *("damping", "armature", "stiffness", "frictionloss", "kp", "kd"),
+    *("damping", "armature", "stiffness", "frictionloss", "kp", "kd", "kv"),
     *("friction", "softness_time", "softness_damping", "softness_scale"),
     *("impedance_low", "impedance_high", "impedance_width"),
 )

@@ -182,6 +182,7 @@ def strength(actuator: Actuator) -> float:
 def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: Collector) -> None:
     """Gains of a position servo; the gear of others, and of a servo behind a gear; the time constant of a filter.
 
+    A velocity servo has its gain ``kv`` as well, which moves what the target and the speed are multiplied by together.
     A servo whose control is no target in rad or m, such as a gripper's from 0 to 255, has both: its stiffness ``kp``
     [N m/rad, N/m] moves all that it multiplies, so that it rests at the same place.
     Limits of the force and backlash on request, of actuators along a joint.
@@ -196,6 +197,9 @@ def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: 
     joint = next((j for j in tree.joints if j.kind != JointKind.BALL and j.vadr == actuator.line), None)
     if actuator.gear and joint:
         _offer_limits(actuator, joint.kind == JointKind.SLIDE, layout, k, out)
+    if actuator.gear and not stiffness and damping > 0 and actuator.gain == damping:
+        places = [layout.actuator(k, field) for field in ("gain", "bias2")]
+        out.add("kv", actuator.name, damping, damping / 5, damping * 5, "1", places, np.array([1.0, -1.0]))
     if not servo:
         return
     held = {"gain": actuator.gain / stiffness, "bias1": -1.0, "bias0": float(actuator.bias[0]) / stiffness}
