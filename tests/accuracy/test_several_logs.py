@@ -73,8 +73,8 @@ def test_fit_of_two_files_names_the_one_that_differs(place: Path, capsys: pytest
     assert main([*words, "--horizon", "5", "--out", "run"]) == 0
     text = " ".join(capsys.readouterr().out.split())
     assert "THE LOGS DISAGREE" in text
-    assert "dry.npz: a fit of it alone" in text
-    assert "damping.j is 1." in text
+    assert "dry.npz differs from as_told.npz: alone, a fit" in text
+    assert "damping.j is 2.9" in text  # times .5, of 1.5
 
 
 @pytest.mark.parametrize(

@@ -268,7 +268,8 @@ def test_what_a_fit_with_play_found_is_trained_on_kept_and_restored(make_loop, m
     own = [p.name for p in loop.nominal.scene.parameters]
     values = {name: p.value for name, p in loop.fitted.parameters.items()}
     np.testing.assert_allclose(loop.model.parameters, [values[name] for name in own])
-    assert loop.model.candidates.shape == (8, len(own) + len(loop.model.observer.parameters))
+    told = loop.fitted.candidates(1).shape[1] > len(loop.fitted.model.parameters)  # delay, lag or biases
+    assert loop.model.candidates.shape == (8, len(own) + told * len(loop.model.observer.parameters))
     resumed.restore(loop.state())
     loop.keep(tmp_path)
     assert loop.update() == resumed.update()
