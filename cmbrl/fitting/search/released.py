@@ -12,16 +12,8 @@ import numpy as np
 
 from cmbrl.fitting.search.space import Space
 
-_GROUPS = (
-    "damping",
-    "armature",
-    "frictionloss",
-    "stiffness",
-    "gear",
-    "kp",
-    "kd",
-    "kv",
-)  # of joints and their actuators
+# of joints and their actuators
+_GROUPS = ("damping", "armature", "frictionloss", "stiffness", "gear", "kp", "kd", "kv")
 
 
 def released(space: Space, z: np.ndarray, active: np.ndarray, begin: np.ndarray) -> np.ndarray | None:
