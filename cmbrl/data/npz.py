@@ -81,6 +81,10 @@ def read_arrays(path: Path) -> dict[str, np.ndarray]:
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of the file by name; raises whatever its readers raise."""
+    if not _is_numpys(path):
+        raise UserError(
+            f"{path}: not readable as npz (it is no archive): save a log with numpy.savez, or `cmbrl import` it"
+        )
     with np.load(path, allow_pickle=False) as archive:
         if not isinstance(archive, np.lib.npyio.NpzFile):
             raise UserError(f"{path}: a single array, not an npz; save a log with numpy.savez")
@@ -90,6 +94,12 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         if unpacked > memory:
             raise UserError(f"{path}: unpacks to {unpacked:.3g} GiB, more than the {memory:.3g} GiB of this machine")
         return {name: archive[name] for name in archive.files}
+
+
+def _is_numpys(path: Path) -> bool:
+    """Whether the file begins as an archive or as a single array does; numpy takes all else for a pickle."""
+    with regular_file(path).open("rb") as file:
+        return file.read(6).startswith((b"PK", b"\x93NUMPY"))
 
 
 def _fields(found: dict[str, np.ndarray]) -> Fields:

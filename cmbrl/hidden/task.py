@@ -53,7 +53,7 @@ def _parsed(task: str, which: str) -> tuple[str, int]:
             f"{task}@{which}: unknown family of hidden systems {family!r}: {did_you_mean(family, FAMILIES)}"
         )
     if not (draw.isascii() and draw.isdigit() and int(draw) < MOST):
-        raise UserError(f"{task}@{which}: name a draw, a whole number from 0, as {task}@{family}:0")
+        raise UserError(f"{task}@{which}: name a draw, a whole number from 0 to {MOST - 1}, as {task}@{family}:0")
     return family, int(draw)
 
 

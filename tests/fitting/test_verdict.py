@@ -106,6 +106,9 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     result = cmbrl.fit(carts.model(2), data, budget=QUICK)
     report = dict(result.report)
     assert "times better" in first_line(report)
+    few = {**report, "data": {**report["data"], "transitions": 3}}
+    assert "; 3 transitions tell little: record more." in first_line(few)
+    assert "tell little" not in first_line(report)
     far = report["horizons"][-1]["rmse"]
     assert f" times over 20 ({far['fitted']:.3g} instead of {far['nominal']:.3g})" in first_line(report)
     beyond = [

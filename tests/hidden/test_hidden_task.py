@@ -62,7 +62,7 @@ def test_a_task_by_its_name_has_another_robot_and_the_same_file(crawler, family)
 def test_what_cannot_be_drawn_is_one_line(crawler):
     for name, words in (
         ("crawler@flor:1", "unknown family of hidden systems 'flor': did you mean 'floor'"),
-        ("crawler@floor", "name a draw, a whole number from 0, as crawler@floor:0"),
+        ("crawler@floor", "name a draw, a whole number from 0 to 2147483647, as crawler@floor:0"),
         ("crawler@floor:-1", "name a draw"),
         ("crawlr@floor:1", "unknown task 'crawlr@floor:1'"),
     ):

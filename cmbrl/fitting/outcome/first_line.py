@@ -10,6 +10,7 @@ from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, warning
 
 _ALIKE = 1.01  # times the error of the fit
 _DIVERGED = 1e6  # times what the states vary by
+_FEW = 40  # transitions, with which hardly anything can be held out
 
 
 def first_line(report: Mapping[str, Any]) -> str:
@@ -35,6 +36,8 @@ def first_line(report: Mapping[str, Any]) -> str:
         return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
+    if (count := report["data"]["transitions"]) < _FEW:
+        doubt += f"; {count} transition{'s' * (count > 1)} tell little: record more"
     short = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
     better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than the file"
     return f"{better} ({short}){_times_far(report)}{doubt}.{_reach(report)}"
