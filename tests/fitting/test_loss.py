@@ -65,7 +65,7 @@ def test_gradient_of_the_tolerant_loss_equals_finite_differences(carts, noise):
     of_sensors = None if noise == 0.0 else np.full((1, 2 * evidence.model.scene.nv), noise)
     loss = evidence.loss(data.windows(2), 2, *evidence.scales(2, 0.3, of_sensors))
     z = 0.1 + 0.2 * np.random.default_rng(1).normal(size=n) ** 2
-    loss = loss.tolerant(space.theta(z))
+    loss = loss.tolerant(space.theta(z), 0.5)
     assert (loss.windows.offset is None) is (noise == 0.0)
     equations = loss.normal_equations(space, z)
     step = 1e-5 * np.eye(n)
@@ -81,11 +81,11 @@ def test_gradient_of_the_tolerant_loss_equals_finite_differences(carts, noise):
 def test_windows_far_off_count_by_their_logarithm(setup):
     space, loss = setup
     theta = space.theta(0.1 * np.ones(len(space)))
-    own, plain = loss.tolerant(theta), loss.errors(theta).loss
+    own, plain = loss.tolerant(theta, 0.5), loss.errors(theta).loss
     level = np.median(plain)
     assert own.windows.level == pytest.approx(level)
     np.testing.assert_allclose(own.errors(theta).loss, level * np.log1p(plain / level))
-    assert own.tolerant(theta).windows.level == pytest.approx(level)  # of the plain loss again
+    assert own.tolerant(theta, 0.5).windows.level == pytest.approx(level)  # of the plain loss again
 
 
 def test_equations_over_some_columns_are_those_of_all_with_zeros(setup):

@@ -24,15 +24,12 @@ from cmbrl.fitting.log.left import left_of_changes
 from cmbrl.fitting.log.noise import sensor_noise
 from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
 from cmbrl.fitting.search.folds import draw_starts, fold_of_rows
-from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
-from cmbrl.fitting.search.space import Space
+from cmbrl.fitting.search.ways import Ways
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
-_HEAVY = 1e4  # variance that weighs the prior at first, on one of two ways: as if errors were 100 times the change
 _NEARLY = 0.005  # of the logarithm of the error
-_PASSES = 12  # of a log without noise
 _SAME = 1e-9  # relative difference of two losses that rounding explains
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 
@@ -184,46 +181,31 @@ class Surveyor:
         """
         before: list[np.ndarray] = []
         for h in sorted(horizons):
-            first = not before  # the shortest, which costs the least
-            heavy = (_HEAVY,) if first and len(horizons) > 1 else ()
-            tolerant = first and not self.evidence.positions_only
-            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, heavy=heavy, tolerant=tolerant)]
+            all_ways = not before and not self.evidence.positions_only  # over the shortest, which costs the least
+            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, all_ways=all_ways)]
             yield h, before[0]
 
     def _fit(
-        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, heavy: Sequence[float] = (),
-        tolerant: bool = False, left: np.ndarray | None = None,
+        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, all_ways: bool = False,
+        left: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
+        """Where (n,) the best way, or the plain one, leads from the best of ``starts``."""
         self.journal.check_time()
         self.journal.report(0.02, name)
-        work = (horizon, noise, np.array(starts), heavy, tolerant, left)
-        return np.array(self.journal.unit(self.label + name, lambda: {"z": self._fitted(*work).tolist()})["z"])
 
-    def _fitted(
-        self, horizon: int, noise: np.ndarray | None, begin: np.ndarray, heavy: Sequence[float], tolerant: bool,
-        left: np.ndarray | None,
-    ) -> np.ndarray:  # fmt: skip
-        """The best of what leads from the best row of ``begin`` (k, n), with ``heavy`` priors at first besides.
+        def compute() -> dict[str, Any]:
+            loss, space = self._loss(horizon, noise, left), self.evidence.space
+            ways = Ways(loss, space, self.chosen, self.iterations, self.journal, noise is not None, all_ways)
+            return {"z": ways.best(np.array(starts)).tolist()}
 
-        ``tolerant``: also by the tolerant loss, which single windows do not stop whose contacts make or break.
+        return np.array(self.journal.unit(self.label + name, compute)["z"])
 
-        Of a noisy log, most of the errors that remain are noise: a prior that they weigh again would let it be fitted.
-        """
-        evidence, space = self.evidence, self.evidence.space
-        starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
+    def _loss(self, horizon: int, noise: np.ndarray | None, left: np.ndarray | None) -> PredictionLoss:
+        """Of some windows, but those that judge."""
+        starts = draw_starts(self.evidence.log, horizon, self.rows, self.seed)
         if self.count:
             starts = starts[~np.isin(starts, self._held_out)]
-        loss = evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber, noise, left))
-        if not self.chosen.any():
-            return begin[0]
-        z = _best(loss, space, begin)
-        work = (self.iterations, self.journal)
-        ways, passes = ((0.0, *heavy), _PASSES) if noise is None else ((0.0,), 1)
-        found = [reweighed(loss, space, self.chosen, z, *work, way, passes) for way in ways]
-        if tolerant:
-            on = reweighed(loss, space, self.chosen, z, *work, passes=passes, tolerant=True)
-            found.append(reweighed(loss, space, self.chosen, on, *work, passes=passes))
-        return _best(loss, space, np.array(found))
+        return self.evidence.loss(starts, horizon, *self.evidence.scales(horizon, self.huber, noise, left))
 
     def _score(self, z: np.ndarray) -> float:
         return score(self._judges, self.evidence.space.theta(z)) - self._nominal
@@ -241,14 +223,6 @@ class Surveyor:
     @cached_property
     def _nominal(self) -> float:
         return score(self._judges, self.evidence.space.nominal)
-
-
-def _best(loss: PredictionLoss, space: Space, z: np.ndarray) -> np.ndarray:
-    """The row of ``z`` (k, n) of the lowest loss."""
-    if len(z) == 1:
-        return z[0]
-    values = [loss.settled(theta).values(theta[None])[0] for theta in space.theta(z)]
-    return z[int(np.argmin(np.nan_to_num(values, nan=np.inf)))]
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:

@@ -69,17 +69,18 @@ def reweighed(
     journal: Journal,
     heavy: float = 0.0,
     passes: int = 1,
-    tolerant: bool = False,
+    usual: float | None = None,
 ) -> np.ndarray:
     """Where (n,) passes of ``iterations`` lead from ``start`` (n,), each with the prior weighed by what errors remain.
 
     Errors of the file weigh it far too much for a log that is nearly explained. There are at most so many ``passes``;
     they end where the loss hardly falls. ``heavy``: variance that weighs the prior at first, then less and less: what
-    the log tells best moves first.
+    the log tells best moves first. ``usual``: share of the windows that each pass takes for the usual ones
+    (``tolerant`` of the loss); None for the plain loss.
     """
     z, before = start, np.inf
     for _ in range(passes):
-        own = loss.tolerant(space.theta(z)) if tolerant else loss
+        own = loss if usual is None else loss.tolerant(space.theta(z), usual)
         objective = Objective.at(own, space, active, z, heavy)
         if objective.variance > heavy:  # the prior is as light as the errors make it
             if not objective.remaining < _FALLS * before:

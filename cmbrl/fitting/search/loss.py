@@ -105,13 +105,14 @@ class PredictionLoss:
         """The same loss over the windows from other ``starts``."""
         return replace(self, windows=self.windows.on(starts))
 
-    def tolerant(self, theta: np.ndarray) -> PredictionLoss:
-        """The same loss in which windows beyond the usual one at ``theta`` (n,) count by the logarithm of their loss.
+    def tolerant(self, theta: np.ndarray, share: float) -> PredictionLoss:
+        """The same loss in which windows beyond the usual ones at ``theta`` (n,) count by the logarithm of their loss.
 
-        Usual is the median. A search by it goes on where single windows jump; what it finds is judged by the plain one.
+        Usual is what a ``share`` of the windows, the best, loses. A search by it goes on where single windows jump;
+        what it finds is judged by the plain one.
         """
         plain = replace(self, windows=replace(self.windows, level=np.inf)).settled(theta)
-        usual = float(np.median(plain.errors_from_here(theta).loss))
+        usual = float(np.quantile(plain.errors_from_here(theta).loss, share))
         return replace(plain, windows=replace(plain.windows, level=max(usual, _EXACT * plain.windows.scales.observed)))
 
     @property
