@@ -41,7 +41,7 @@ def stepping(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, np.nda
     theta = model.scene.parameter_vector().copy()
     for k, parameter in enumerate(model.scene.parameters):
         if parameter.group in CHANGED:
-            theta[k] *= np.exp(0.25 * draw.standard_normal())
+            theta[k] *= np.exp(0.4 * draw.standard_normal())
     count, steps = 8, 60
     standing = np.array([0.0, 0.0, 0.2, 1.0, *np.zeros(11)])
     q, v = np.tile(standing, (count, 1)), np.zeros((count, model.scene.nv))
