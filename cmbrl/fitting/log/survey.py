@@ -181,21 +181,21 @@ class Surveyor:
         """
         before: list[np.ndarray] = []
         for h in sorted(horizons):
-            all_ways = not before and not self.evidence.positions_only  # over the shortest, which costs the least
-            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, all_ways=all_ways)]
+            tolerant = not before and not self.evidence.positions_only  # over the shortest, which costs the least
+            before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, tolerant=tolerant)]
             yield h, before[0]
 
     def _fit(
-        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, all_ways: bool = False,
+        self, name: str, horizon: int, noise: np.ndarray | None, *starts: np.ndarray, tolerant: bool = False,
         left: np.ndarray | None = None,
     ) -> np.ndarray:  # fmt: skip
-        """Where (n,) the best way, or the plain one, leads from the best of ``starts``."""
+        """Where (n,) the plain way leads from the best of ``starts``, or the ``tolerant`` one if that is better."""
         self.journal.check_time()
         self.journal.report(0.02, name)
 
         def compute() -> dict[str, Any]:
             loss, space = self._loss(horizon, noise, left), self.evidence.space
-            ways = Ways(loss, space, self.chosen, self.iterations, self.journal, noise is not None, all_ways)
+            ways = Ways(loss, space, self.chosen, self.iterations, self.journal, noise is not None, tolerant)
             return {"z": ways.best(np.array(starts)).tolist()}
 
         return np.array(self.journal.unit(self.label + name, compute)["z"])

@@ -1,14 +1,13 @@
-"""The ways that a first search goes, where it is open how far the file is off: the best of what they lead to is kept.
+"""The ways that a first search goes, where it is open how far the file is off: the better of both is kept.
 
-Plainly; with a prior that is heavy at first, so that what the log tells best moves first; and by a tolerant loss. Where
-contacts make and break, single windows stop the first two: by the plain loss they hide what all others gain. The
-tolerant one counts those beyond the usual as little as their logarithm. Usual is the loss of the best fifth, and of
-fewer from stop to stop: a search that stops goes on by those that are explained already. All ways end plainly.
+Plainly, and by a tolerant loss. Where contacts make and break, single windows stop a plain search: they hide what all
+others gain. The tolerant loss counts those beyond the usual as little as their logarithm. Usual is the loss of the best
+fifth, then of the best tenth: a search that stops goes on by windows that are explained already. It begins with a prior
+that is heavy, so that what the log tells best moves first, and ends plainly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,7 @@ from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
 
 _HEAVY = 1e4  # variance that weighs the prior at first: as if errors were 100 times the change
-_USUAL = (0.2, 0.1, 0.05)  # shares of the windows
+_USUAL = (0.2, 0.1)  # shares of the windows
 _PASSES = 12  # of a log without noise
 
 
@@ -29,7 +28,7 @@ class Ways:
     """Searches of ``loss`` over the ``chosen`` (n,) parameters, by passes of ``iterations``.
 
     ``noisy``: most of the errors that remain are noise, and a prior that they weigh again would let it be fitted.
-    ``every``: not the plain way alone.
+    ``tolerant``: by that loss, too.
     """
 
     loss: PredictionLoss
@@ -38,32 +37,29 @@ class Ways:
     iterations: int
     journal: Journal
     noisy: bool
-    every: bool
+    tolerant: bool
 
     def best(self, begin: np.ndarray) -> np.ndarray:
-        """Where (n,) the best way leads from the best row of ``begin`` (k, n); no other is tried of what is exact."""
+        """Where (n,) the better way leads from the best row of ``begin`` (k, n); plainly only if that is exact."""
         if not self.chosen.any():
             return begin[0]
-        found, lowest = begin[0], np.inf
-        values = [self._value(z) for z in begin] if len(begin) > 1 else [0.0]
-        for z in self._all(begin[int(np.argmin(values))]):
-            value = self._value(z)
-            if value < lowest or not np.isfinite(lowest):
-                found, lowest = z, value
-            if lowest <= 0.5 * SOLVER_VARIANCE * self.loss.windows.scales.observed:
-                break
-        return found
+        start = begin[0] if len(begin) == 1 else min(begin, key=self._value)
+        found = self._led(start)
+        if not self.tolerant or (value := self._value(found)) <= self._exact:
+            return found
+        other = self._by_tolerant(start)
+        return other if self._value(other) < value else found
 
-    def _all(self, begin: np.ndarray) -> Iterator[np.ndarray]:
-        yield self._led(begin)
-        if not self.every:
-            return
-        if not self.noisy:
-            yield self._led(begin, _HEAVY)
-        z, heavy = begin, 0.0 if self.noisy else _HEAVY
+    @property
+    def _exact(self) -> float:
+        """The loss that the solver's accuracy leaves."""
+        return 0.5 * SOLVER_VARIANCE * self.loss.windows.scales.observed
+
+    def _by_tolerant(self, z: np.ndarray) -> np.ndarray:
+        heavy = 0.0 if self.noisy else _HEAVY
         for share in _USUAL:
             z, heavy = self._led(z, heavy, share), 0.0
-        yield self._led(z)
+        return self._led(z)
 
     def _led(self, z: np.ndarray, heavy: float = 0.0, usual: float | None = None) -> np.ndarray:
         passes = 1 if self.noisy else _PASSES
