@@ -60,6 +60,8 @@ def conclude(
         known = identify(space, z, active, equations, lacks, sets, None if late is None else late.covariance)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
+    drawn = late if late is not None and late.matters(data.dt) else None
+    covariance = known.covariance + (0.0 if drawn is None else drawn.covariance)
     bound, value = space.at_bound(z) & active, space.theta(z)
     parameters = _parameters(space, value, known, _status(active, bound, known.flat))
     errors = {"all, nominal": told.errors(space.nominal), "all, fitted": told.errors(value), **held_out}
@@ -88,8 +90,9 @@ def conclude(
         "lateness": lateness(space, z, known.wide, model.dt / model.substeps),
         **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {
-            **_covariance(space, known.covariance),
-            "share": _share(loss, space, z, known.covariance, budget),
+            **_covariance(space, covariance),
+            "share": _share(loss, space, z, covariance, budget, None if drawn is None else drawn.place),
+            "delay": None if drawn is None else space.names[drawn.place],
         },
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
@@ -138,16 +141,18 @@ def _together(
     }
 
 
-def _share(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget) -> float:
+def _share(
+    loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget, delay: int | None
+) -> float:
     """How wide draws may be; as wide as the intervals where Ctrl-C ends the search for it."""
     try:
-        return bearable(loss, space, z, covariance, budget.draws, budget.draw_rows)
+        return bearable(loss, space, z, covariance, budget.draws, budget.draw_rows, delay)
     except KeyboardInterrupt:
         return 1.0
 
 
 def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:
-    """Covariance of the informed parameters in prior standard deviations, for ``FitResult.draws``."""
+    """Covariance of what is drawn in prior standard deviations, for ``FitResult.draws``."""
     told = np.flatnonzero(np.diag(covariance) > 0.0)
     return {"parameters": [space.names[k] for k in told], "matrix": covariance[np.ix_(told, told)].tolist()}
 
