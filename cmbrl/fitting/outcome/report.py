@@ -26,6 +26,7 @@ from cmbrl.fitting.search.objective import NOT_FINITE
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.observation import DELAY, LAG
 
 
 def conclude(
@@ -57,7 +58,8 @@ def conclude(
     sets = common_factors(model.scene.core, active | free)
     try:
         lacks, late = discrepancy.covariance(z, active), UntoldDelay.of(space, z, active, equations)
-        known = identify(space, z, active, equations, lacks, sets, None if late is None else late.covariance)
+        others = free & ~np.isin(space.groups, [DELAY, LAG])  # of which ``untold_delay`` tells
+        known = identify(space, z, active, equations, lacks, sets, None if late is None else late.covariance, others)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
     drawn = late if late is not None and late.matters(data.dt) else None
@@ -127,7 +129,7 @@ def _together(
     whole = all(active[k] for together in sets for k in together)
     split = [([k for k in together if active[k]], [k for k in together if not active[k]]) for together in sets]
     told_by = [
-        beside(space, z, known.every, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
+        beside(space, z, known.apart, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
         for moved, still in split
     ]
     shared = [found for found in told_by if found]
