@@ -116,7 +116,8 @@ class FitResult:
     def candidates(self, count: int, seed: int = 0) -> np.ndarray:
         """The same draws, as a model takes them: (count, np + n) with the delay, lag and biases of each.
 
-        (count, np) where the fit informs none of these; then all have the fit's own.
+        So is a delay that the fit has not taken and the log leaves open. (count, np) where the log informs none of
+        these; then all have the fit's own.
         """
         drawn, own = self._draws(count, seed), len(self.model.parameters)
         told = {p.name for p in self.model.observer.parameters} & set(self.report["covariance"]["parameters"])
@@ -132,7 +133,9 @@ class FitResult:
         told = [space.names.index(name) for name in saved["parameters"]]
         size = len(told)  # 0 where the file is right and nothing was fitted
         matrix = np.array(saved["matrix"], dtype=float).reshape(size, size) * saved.get("share", 1.0) ** 2
-        return space.theta(around(space.z(value), np.array(told, dtype=int), matrix, count, seed))
+        delay = saved.get("delay")
+        late = None if delay is None else space.names.index(delay)
+        return space.theta(around(space.z(value), np.array(told, dtype=int), matrix, count, seed, late))
 
     def uncertain_model(self, count: int = 256, seed: int = 0) -> ComplementarityModel:
         """The fitted model with ``count`` draws as its candidates, to train policies on; without any for 0."""

@@ -384,6 +384,10 @@ def test_the_other_frame_is_refused(tmp_path: Path) -> None:
         import_logs([tmp_path / "log.npz"], robot)
     with pytest.raises(UserError, match=r"--angular-velocity body: .* in the axes of the world better"):
         import_logs([tmp_path / "log.npz"], robot, Options(frames=Frames("body")))
+    turned = {name: table[of] for name, of in zip(("qw", "qx", "qy", "qz"), ("qx", "qy", "qz", "qw"), strict=True)}
+    np.savez(tmp_path / "turned.npz", dt=dt, **(table | turned))
+    with pytest.raises(UserError, match=r"cube.qw to cube.qz .* another way: the numbers are x y z w, and were taken"):
+        import_logs([tmp_path / "turned.npz"], robot, Options(frames=Frames("world")))
     found = import_logs([tmp_path / "log.npz"], robot, Options(frames=Frames("world")))
     assert isinstance(found.log, Transitions)
     assert any("velocities of cube (linear) are estimated" in note for note in found.notes)

@@ -461,3 +461,44 @@ def test_joints_of_a_gait_are_not_swapped_for_moving_in_one_rhythm() -> None:
     rest = np.zeros((3, 3)), np.ones((3, 3))
     assert not list(commands.servos(motion, (in_rhythm, *rest)))  # type: ignore[arg-type]
     assert len(list(commands.servos(motion, (swapped, *rest)))) == 1  # type: ignore[arg-type]
+
+
+BALL_ARM = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="shoulder" type="ball"
+armature=".01" damping=".1"/><geom type="capsule" size=".03" fromto="0 0 0 0 0 -.3" mass="1"/></body></worldbody>
+<actuator><motor joint="shoulder" gear="5 0 0"/><motor joint="shoulder" gear="0 2 0"/></actuator></mujoco>"""
+
+
+@pytest.fixture(scope="module")
+def swung() -> Transitions:
+    """Five seconds at 100 Hz of an arm on a ball joint."""
+    model = mujoco.MjModel.from_xml_string(BALL_ARM)
+    data, rows = mujoco.MjData(model), []
+    command = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, (25, 2)), 20, axis=0)
+    for each in command:
+        rows.append((data.qpos.copy(), data.qvel.copy()))
+        data.ctrl[:] = each
+        mujoco.mj_step(model, data, nstep=5)
+    q, v = (np.array(part) for part in zip(*rows, strict=True))
+    return read_trajectories(q, [len(q)], 0.01, v, command)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "expected"),
+    [
+        (lambda turn: np.roll(turn, -1, axis=1), "the numbers are x y z w, and were taken for w x y z"),
+        (lambda turn: np.roll(turn, 1, axis=1), "the numbers are w x y z, and were taken for x y z w"),
+        (lambda turn: turn * [1.0, -1.0, -1.0, -1.0], "they turn the world into the body, .* negate x, y and z"),
+    ],
+)
+def test_quaternions_that_their_angular_velocities_read_in_another_way(
+    wrong: Callable[[np.ndarray], np.ndarray], expected: str, swung: Transitions
+) -> None:
+    scene = Scene.from_mjcf(BALL_ARM)
+    swung.check(scene)
+    with pytest.raises(UserError, match=rf"q of joint 'shoulder', columns 0 to 3: .* another way: {expected}"):
+        replace(swung, q=wrong(swung.q), q_next=wrong(swung.q_next)).check(scene)
+
+
+def test_the_sign_of_a_quaternion_does_not_matter(swung: Transitions) -> None:
+    signs = np.random.default_rng(1).choice([-1.0, 1.0], (len(swung), 1))
+    replace(swung, q=signs * swung.q).check(Scene.from_mjcf(BALL_ARM))

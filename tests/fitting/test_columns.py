@@ -10,6 +10,7 @@ import pytest
 
 import cmbrl
 from cmbrl.data import read_trajectories
+from cmbrl.data.importing.velocities import smoothed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.log.columns import ColumnsCheck
@@ -23,6 +24,10 @@ CART = """<mujoco><option timestep=".002"/><worldbody><body><joint name="cart" t
 <geom type="box" size=".1 .05 .05" mass="{mass}"/><body><joint name="pole" axis="0 1 0" damping=".01"/>
 <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.4" mass=".2"/></body></body></worldbody>
 <actuator><motor name="push" joint="cart" gear="5"/></actuator></mujoco>"""
+
+HUNG = """<mujoco><option timestep=".002"/><worldbody><body pos="0 0 1"><joint name="shoulder" type="ball"
+armature=".01" damping=".1"/><geom type="capsule" size=".03" fromto="0 0 0 0 0 -.3" mass="{mass}"/></body></worldbody>
+<actuator><motor joint="shoulder" gear="5 0 0"/><motor joint="shoulder" gear="0 2 0"/></actuator></mujoco>"""
 
 
 def simulated(xml: str, command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -90,3 +95,22 @@ def test_a_negated_pole_of_states(cart: Transitions) -> None:
     wrong = replace(cart, q=cart.q * sign, v=cart.v * sign, q_next=cart.q_next * sign, v_next=cart.v_next * sign)
     found = told(CART.format(mass=1.0), wrong)
     assert "q of joint 'pole' is explained with the other sign" in found
+
+
+def test_quaternions_of_a_ball_joint_without_angular_velocities() -> None:
+    """An arm that is heavier than in the file; its log tells no velocities, so only its motion tells the order."""
+    rng = np.random.default_rng(0)
+    command = np.repeat(rng.uniform(-1.0, 1.0, (50, 2)), 20, axis=0)
+    q = simulated(HUNG.format(mass=1.3), command)[0]
+    scene = cmbrl.Scene.from_mjcf(HUNG.format(mass=1.0))
+
+    def logged(turn: np.ndarray) -> Transitions:
+        rate = smoothed(turn, 0.01, 5, scene)
+        return read_trajectories(turn[2:-2], [len(rate)], 0.01, rate, command[2:-2], scene.difference)
+
+    assert told(HUNG.format(mass=1.0), logged(q)) == ""
+    for k, order in ((-1, "x y z w"), (1, "w x y z")):
+        found = told(HUNG.format(mass=1.0), logged(np.roll(q, k, axis=1)))
+        assert f"q of joint 'shoulder', columns 0 to 3, is explained if the numbers are {order}" in found
+    inverse = told(HUNG.format(mass=1.0), logged(q * [1.0, -1.0, -1.0, -1.0]))
+    assert "is explained if they turn the world into the body" in inverse

@@ -17,6 +17,15 @@ def test_draws_have_the_covariance() -> None:
     np.testing.assert_allclose(np.cov(drawn[:, [0, 2]].T), covariance, atol=2e-3)
 
 
+def test_a_delay_is_not_negative_and_what_goes_with_it_keeps_its_spread() -> None:
+    covariance = np.array([[0.04, 0.03], [0.03, 0.09]])
+    drawn = around(np.array([1.0, 0.0]), np.array([0, 1]), covariance, 200_000, 0, delay=1)
+    assert drawn[:, 1].min() >= 0.0
+    np.testing.assert_allclose((drawn[:, 1] ** 2).mean(), 0.09, rtol=0.02)
+    np.testing.assert_allclose(((drawn[:, 0] - 1.0) ** 2).mean(), 0.04, rtol=0.02)
+    np.testing.assert_allclose(((drawn[:, 0] - 1.0) * drawn[:, 1]).mean(), 0.03, rtol=0.03)
+
+
 @pytest.fixture
 def fitted(carts):
     """The loss of a kicked cart that has a third more gear than its file, its space, and the truth in z."""

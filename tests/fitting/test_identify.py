@@ -101,6 +101,27 @@ def test_masses_that_were_not_chosen_leave_the_unit_of_force_open(carts):
         assert high / low < 1.3
 
 
+def test_what_was_not_fitted_may_be_wrong():
+    """A centre of mass that a fit has left at the file's: the mass that stands in for it is hardly known."""
+    offered = [
+        Parameter("mass.a", "mass", 1.0, 0.2, 5.0, "log", "1"),
+        Parameter("com_z.a", "com_z", 0.0, -0.1, 0.1, "linear", "m"),
+    ]
+    space, z, none = Space.of(offered, np.array([1.0, 0.0])), np.zeros(2), np.zeros((2, 2))
+    hessian = np.array([[1.0, 0.98], [0.98, 1.0]])
+    episodes = 1e-6 * np.random.default_rng(0).normal(size=(8, 2))
+    told = NormalEquations(np.zeros(2), hessian, episodes, independent=1e2, variance=1e-2)
+    mass, both = np.array([True, False]), np.array([True, True])
+    alone, beside_it, fitted = (
+        identify(space, z, mass, told, none), identify(space, z, mass, told, none, free=both),
+        identify(space, z, both, told, none),
+    )  # fmt: skip
+    assert beside_it.high[0] == pytest.approx(fitted.high[0])
+    assert np.log(beside_it.high[0]) > 3 * np.log(alone.high[0])
+    assert beside_it.low[1] == beside_it.high[1] == 0.0
+    np.testing.assert_array_equal(beside_it.covariance, alone.covariance)  # of draws, whose centre is the file's
+
+
 def test_parameters_without_any_information_are_not_mixed():
     information = np.zeros((4, 4))
     information[:2, :2] = [[2.0, -2.0], [-2.0, 2.0]]

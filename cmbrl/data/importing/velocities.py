@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.data.plausible.frames import better, to_body, to_world
+from cmbrl.data.plausible.readings import misread
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
@@ -28,8 +29,15 @@ def check_frame(
 ) -> None:
     """Raises UserError unless ``frame`` ("body" or "world") is given, or if the other one fits better.
 
+    So does an angular velocity that fits the quaternions if they are read in another way.
+
     ``given`` (T, 3) as logged, ``told`` (T, 3) in the axes of the body by the positions.
     """
+    if what == "angular" and (text := misread(quaternion, told, given)) is not None:
+        raise UserError(
+            f"columns {name}.qw to {name}.qz fit the angular velocity if read in another way: {text}; --map "
+            f"COLUMN={name}.qw tells which is which"
+        )
     as_body, as_world = given, to_body(quaternion, given)
     fits = "world" if better(told, as_body, as_world) else "body" if better(told, as_world, as_body) else None
     hint = f"; the positions fit {fits!r}" if fits else "; the positions do not tell which"

@@ -13,7 +13,7 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cmbrl.data.fields import Fields
-from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, ranges, still, units, weight
+from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, ranges, readings, still, units, weight
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
 
@@ -40,6 +40,7 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     found = motion.of_transitions(log, scene)
     yield from _of_motion(found)
     yield from still.turned(log["q"], found.blocks, scene)
+    yield from readings.angular(log, scene)
     yield from frames.angular(log, scene)
     yield from flight.free_fall(log["q"], found.blocks, log["dt"], scene)
     yield from frames.unexplained(log, scene)

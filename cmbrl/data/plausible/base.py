@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
+from cmbrl.data.plausible.readings import ORDERS
 from cmbrl.data.plausible.still import LONG, MEANT
 from cmbrl.scene.records import WORLD, JointKind
 
@@ -76,12 +77,12 @@ def _order(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     turn = balls[0].qadr
     q[:, turn - 3 : turn] = log.base[rows, :3]
     off = []
-    for turned in (0, 1, -1):
-        q[:, turn : turn + 4] = np.roll(log.base[rows, 3:], turned, axis=1)
+    for turned in (log.base[rows, 3:], *(reading(log.base[rows, 3:]) for reading in ORDERS.values())):
+        q[:, turn : turn + 4] = turned
         off.append(float(np.median(np.abs(scene.gaps(q)[:, floor].min(axis=1)))))
     if off[0] > OFF and min(off) < ON:
-        read, told = ("x y z w", "w x y z") if off[1] < ON else ("w x y z", "x y z w")
+        text = next(text for text, height in zip(ORDERS, off[1:], strict=True) if height < ON)
         yield Finding(
             f"by base_quaternion the robot is {off[0]:.2g} m off its floor, and stands on it if the order is another: "
-            f"the numbers are {read}, and were taken for {told}"
+            f"{text}"
         )

@@ -1,17 +1,16 @@
 """Whether columns that no servo's target confirms have the right sign, unit and place.
 
 A position that follows its target tells both by itself (``plausible``). One of a spring, a pole or a boat does not, nor
-does the control of a thruster. But the file tells how they move. Where it explains a column badly, it predicts the log
-with that column negated, in another unit or in the place of another one. Where one of these is clearly better, all
-parameters are fitted both ways: robots that are unlike their file are explained as they were logged, and a wrong column
-is not.
+does the control of a thruster, nor the quaternion of a ball joint or a base. But the file tells how they move. Where it
+explains a column badly, it predicts the log with that column negated, in another unit, in the place of another one, or
+with the quaternion read in another way. Where one of these is clearly better, all parameters are fitted both ways:
+robots that are unlike their file are explained as they were logged, and a wrong column is not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from cmbrl.data.drive import law_of
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
+from cmbrl.fitting.log.doubts import MOST, Doubt, Misread, of_columns, of_turns
 from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.search.beginning import beginning
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
@@ -26,39 +26,14 @@ from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.state import Journal
-from cmbrl.models.windows import huber
+from cmbrl.models.windows import Scales, huber
 from cmbrl.scene.records import Joint, JointKind, TieKind
 
-_DEGREES, _MILLIMETRES = 180.0 / np.pi, 1e3
 _BADLY = 0.2  # of the loss of holding: what the file explains better is not in doubt
 _CLEARLY = 0.8  # of the file's loss by the columns as they are
 _SURELY = 0.33  # of that loss after a fit of all parameters both ways, and of holding
-_MOST = 12  # columns in doubt: of more, the file is to blame
 _AHEAD = 10  # steps of states
 _ROWS, _ITERATIONS, _PASSES = 3000, 12, 2
-
-
-@dataclass(frozen=True)
-class Doubt:
-    """Columns that may be wrong: of positions ``dofs`` by place in v, or of ``controls``.
-
-    One is to be divided by ``factor``, two are to be exchanged. ``text`` says so.
-    """
-
-    text: str
-    dofs: tuple[int, ...] = ()
-    controls: tuple[int, ...] = ()
-    factor: float = 1.0
-
-    def resolved(self, log: Transitions, joints: dict[int, Joint]) -> Transitions:
-        """``log`` with the columns as they should be; ``joints`` by their places in v."""
-        places = {"q": [joints[k].qadr for k in self.dofs], "v": list(self.dofs), "u": list(self.controls)}
-        changed = {}
-        for name in ("q", "q_next", "v", "v_next", "u"):
-            columns, values = places[name[0]], getattr(log, name).copy()
-            values[:, columns] = values[:, columns[::-1]] / self.factor
-            changed[name] = values
-        return replace(log, **changed)
 
 
 @dataclass(frozen=True)
@@ -77,16 +52,16 @@ class ColumnsCheck:
     def finding(self) -> Finding | None:
         """The column that is wrong; None where all parameters explain the log as it is about as well."""
         horizon, space = self._horizon(), self.evidence.space
-        if horizon is None or not (joints := self._unconfirmed()):
+        joints, turns = self._unconfirmed(), self._told(ball=True)
+        if horizon is None or not (joints or turns):
             return None
         held, own = self._loss_of_holding(horizon), self._by_coordinate(self._loss(horizon), space.nominal)
         badly = np.flatnonzero(own > _BADLY * held)  # False of those that are not compared
-        if not 0 < len(badly) <= _MOST:
+        if not 0 < len(badly) <= MOST:
             return None
-        known = {joint.vadr: joint for joint in self.evidence.model.scene.joints}
-        best: tuple[float, Doubt, PredictionLoss, np.ndarray] | None = None
-        for doubt in self._doubts(joints, [joint for joint in self._told() if joint.vadr in badly]):
-            loss = self._loss(horizon, doubt.resolved(self.evidence.log, known))
+        best: tuple[float, Doubt | Misread, PredictionLoss, np.ndarray] | None = None
+        for doubt in self._doubts(joints, turns, badly):
+            loss = self._loss(horizon, doubt.resolved(self.evidence.log))
             touched = np.array(doubt.dofs) if doubt.dofs else badly
             other = self._by_coordinate(loss, space.nominal)
             share, of_touched = (other[some].sum() / own[some].sum() for some in (slice(None), touched))
@@ -107,51 +82,45 @@ class ColumnsCheck:
         long = [h for h in range(_AHEAD, 1, -1) if len(windows_in_blocks(self.evidence.log, h)) >= LEAST_WINDOWS]
         return long[0] if long else None
 
-    def _told(self) -> list[Joint]:
-        """Hinges and slides of the log, but those of a floating base; none where closed loops move others along."""
+    def _told(self, ball: bool = False) -> list[Joint]:
+        """Hinges and slides of the log, but those of a floating base; or what turns by a quaternion, a base as well.
+
+        None where closed loops move others along.
+        """
         scene = self.evidence.model.scene
         if (scene.core.tie_type == TieKind.CONNECT).any():
             return []
         sources = [joint.source for joint in scene.joints]
+        balls = [joint for joint in scene.joints if joint.kind == JointKind.BALL]
         single = [j for j in scene.joints if j.kind != JointKind.BALL and sources.count(j.source) == 1]
-        return [joint for joint in single if self.evidence.measured[joint.vadr]]
+        return [joint for joint in (balls if ball else single) if self.evidence.measured[joint.vadr]]
 
     def _unconfirmed(self) -> list[Joint]:
-        """Those of them whose positions no servo's target confirms."""
+        """Hinges and slides whose positions no servo's target confirms."""
         scene = self.evidence.model.scene
         servos = {int(scene.core.act_line[a]) for a in range(scene.nu) if law_of(scene, a)[0] == "position"}
         return [joint for joint in self._told() if joint.vadr not in servos]
 
-    def _doubts(self, unconfirmed: list[Joint], badly: list[Joint]) -> Iterator[Doubt]:
-        """What may be wrong with the columns of joints that are ``badly`` explained, or with controls that are forces.
-
-        Those with a servo are in doubt only together with one of the ``unconfirmed``.
-        """
-        joints = [joint for joint in badly if joint in unconfirmed]
-        scene, kind = self.evidence.model.scene, "joint_position" if self.evidence.positions_only else "q"
-        for joint in joints:
-            column, place = f"{kind} of joint {joint.name!r}", (joint.vadr,)
-            yield Doubt(f"{column} is explained with the other sign: a sign error? Negate the column", place, (), -1.0)
-            slides = joint.kind == JointKind.SLIDE
-            factor, unit = (_MILLIMETRES, "mm, not m") if slides else (_DEGREES, "degrees, not radians")
-            yield Doubt(f"{column} is explained as {unit}: divide the column by {factor:.4g}", place, (), factor)
-        for first, second in combinations(badly, 2):
-            if first.kind == second.kind and (first in joints or second in joints):
-                both = f"{kind} of joints {first.name!r} and {second.name!r}"
-                yield Doubt(f"{both} is explained the other way round: are they swapped?", (first.vadr, second.vadr))
-        forces = [a for a in range(scene.nu) if law_of(scene, a)[0] != "position"][:_MOST]
-        for a in forces:
-            text = f"the control of {scene.actuator_names[a]!r} acts the other way: a sign error? Negate the column"
-            yield Doubt(text, (), (a,), -1.0)
-        for a, b in combinations(forces, 2):
-            names = f"{scene.actuator_names[a]!r} and {scene.actuator_names[b]!r}"
-            yield Doubt(f"the controls of {names} act the other way round: are they swapped?", (), (a, b))
+    def _doubts(self, joints: list[Joint], turns: list[Joint], badly: np.ndarray) -> Iterator[Doubt | Misread]:
+        """What may be wrong, of coordinates ``badly`` that the file does not explain."""
+        scene, positions = self.evidence.model.scene, self.evidence.positions_only
+        if joints:
+            yield from of_columns(scene, joints, [joint for joint in self._told() if joint.vadr in badly], positions)
+        yield from of_turns([joint for joint in turns if np.isin(joint.dofs, badly).any()], positions)
 
     def _loss(self, horizon: int, log: Transitions | None = None) -> PredictionLoss:
         """Of predictions of ``log``; None: of the evidence's."""
         evidence = self.evidence if log is None else replace(self.evidence, log=log)
         starts = draw_starts(self.evidence.log, horizon, _ROWS, self.seed)
-        return evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber))
+        return evidence.loss(starts, horizon, *map(self._alike, evidence.scales(horizon, self.huber)))
+
+    def _alike(self, scales: Scales) -> Scales:
+        """``scales`` in which a ball's three axes have one: how its quaternion is read changes which axis is which."""
+        q, v = scales.q.copy(), scales.v.copy()
+        for joint in self._told(ball=True):
+            for each in (q, v):
+                each[joint.dofs] = np.sqrt(np.mean(each[joint.dofs] ** 2))
+        return replace(scales, q=q, v=v)
 
     def _by_coordinate(self, loss: PredictionLoss, theta: np.ndarray) -> np.ndarray:
         """Mean losses (nv,) of positions at ``theta`` (n,); 0 of those that are not compared."""

@@ -12,6 +12,10 @@ a share tau^2 of the motion unexplained, its faults repeat all over the log, and
 times fewer observations: 1.02 for a log of MuJoCo, 4 for one of a robot with backlash, late commands and noisy
 sensors. The 20 was chosen on draws of ``cmbrl bench coverage`` that it is not judged on. Directions with F below 1 are
 flat: the log says less there than the prior.
+
+A fit moves what held-out errors call for. What it leaves at the file's value may be wrong all the same, within the
+prior, and others make up for it: a centre of mass for a payload, say. So A has the columns of all that might have been
+fitted, and a parameter's interval is as wide as if all of them had been.
 """
 
 from __future__ import annotations
@@ -41,7 +45,8 @@ class Identification:
     fitted, and the data would not determine it. ``directions``: flat combinations of fitted parameters, each
     {"information", "parameters": {name: coefficient}} with coefficients in prior standard deviations, the largest 1.
     ``covariance`` (n, n) in z, in the unit of force of the parameters that stay; zero for those that are not fitted or
-    flat. ``every`` (n, n): the same with the flat ones. ``wide`` (n, n): that of the intervals, in any unit of force.
+    flat. ``every`` (n, n): the same with the flat ones. ``apart`` (n, n): where what was not fitted may be wrong, but
+    for what sets the unit of force. ``wide`` (n, n): that of the intervals, in any unit of force.
     """
 
     low: np.ndarray
@@ -51,6 +56,7 @@ class Identification:
     directions: list[dict]
     covariance: np.ndarray
     every: np.ndarray
+    apart: np.ndarray
     wide: np.ndarray
 
 
@@ -62,28 +68,37 @@ def identify(
     discrepancy: np.ndarray,
     sets: Sequence[Sequence[int]] = (),
     beside: np.ndarray | None = None,
+    free: np.ndarray | None = None,
 ) -> Identification:
     """Intervals and flat directions of the ``fitted`` columns at ``z``, from ``equations`` without the prior.
 
     ``discrepancy`` (n, n): the covariance that a wrong model adds. ``sets``: columns that motion tells up to a common
     factor, also where only some of them are fitted. ``beside`` (n, n): a covariance that intervals alone allow for.
+    ``free`` (n,): what might have been fitted; default: what was.
     """
     repeated = 1.0 + REPEATED * equations.variance
     scale = equations.independent / max(equations.variance, 1e-12) / repeated
     columns = np.flatnonzero(fitted)
     own = np.ix_(columns, columns)
-    every, wide, directions = np.zeros_like(space.precision), np.zeros_like(space.precision), []
+    every, apart, wide = (np.zeros_like(space.precision) for _ in range(3))
+    directions = []
     if len(columns):
-        basis = np.eye(len(space))[:, columns]
-        every[own] = wide[own] = _spread(space, basis, equations, scale, repeated)[0] + discrepancy[own]
+
+        def spread(others: np.ndarray) -> np.ndarray:
+            """Of the fitted columns, where ``others`` (n, k) may be wrong as well."""
+            basis = np.hstack([np.eye(len(space))[:, columns], others])
+            found = _spread(space, basis, equations, scale, repeated)[0]
+            return found[: len(columns), : len(columns)] + discrepancy[own]
+
         staying = _staying(space, z, fitted, sets)
+        left = np.zeros_like(fitted) if free is None else free & ~fitted & ~staying.any(axis=1)
+        others = np.eye(len(space))[:, left]
+        every[own], apart[own], wide[own] = map(spread, (others[:, :0], others, np.hstack([others, staying])))
         if staying.shape[1]:
-            more = np.hstack([basis, staying])
-            spread, bread = (x[: len(columns)] for x in _spread(space, more, equations, scale, repeated))
-            drift = bread[:, len(columns) :] @ (
-                staying.T @ (scale * repeated * equations.gradient + space.precision @ z)
-            )
-            wide[own] = spread[:, : len(columns)] + np.outer(drift, drift) + discrepancy[own]
+            more = np.hstack([np.eye(len(space))[:, columns], staying])
+            bread = _spread(space, more, equations, scale, repeated)[1][: len(columns), len(columns) :]
+            drift = bread @ (staying.T @ (scale * repeated * equations.gradient + space.precision @ z))
+            wide[own] += np.outer(drift, drift)
         wide[own] += 0.0 if beside is None else beside[own]
         directions = _flat_directions(scale * equations.hessian[own], [space.names[k] for k in columns])
     variance = np.where(fitted, np.diag(wide), 1.0)
@@ -94,7 +109,7 @@ def identify(
     covariance, silent = every.copy(), np.diag(every) > _FLAT_VARIANCE
     covariance[silent], covariance[:, silent] = 0.0, 0.0
     flat = fitted & (variance > _FLAT_VARIANCE)
-    return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance, every, wide)
+    return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance, every, apart, wide)
 
 
 def _spread(

@@ -26,6 +26,7 @@ from cmbrl.fitting.search.objective import NOT_FINITE
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.observation import DELAY, LAG
 
 
 def conclude(
@@ -57,9 +58,12 @@ def conclude(
     sets = common_factors(model.scene.core, active | free)
     try:
         lacks, late = discrepancy.covariance(z, active), UntoldDelay.of(space, z, active, equations)
-        known = identify(space, z, active, equations, lacks, sets, None if late is None else late.covariance)
+        others = free & ~np.isin(space.groups, [DELAY, LAG])  # of which ``untold_delay`` tells
+        known = identify(space, z, active, equations, lacks, sets, None if late is None else late.covariance, others)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
+    drawn = late if late is not None and late.matters(data.dt) else None
+    covariance = known.covariance + (0.0 if drawn is None else drawn.covariance)
     bound, value = space.at_bound(z) & active, space.theta(z)
     parameters = _parameters(space, value, known, _status(active, bound, known.flat))
     errors = {"all, nominal": told.errors(space.nominal), "all, fitted": told.errors(value), **held_out}
@@ -88,8 +92,9 @@ def conclude(
         "lateness": lateness(space, z, known.wide, model.dt / model.substeps),
         **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {
-            **_covariance(space, known.covariance),
-            "share": _share(loss, space, z, known.covariance, budget),
+            **_covariance(space, covariance),
+            "share": _share(loss, space, z, covariance, budget, None if drawn is None else drawn.place),
+            "delay": None if drawn is None else space.names[drawn.place],
         },
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
@@ -124,7 +129,7 @@ def _together(
     whole = all(active[k] for together in sets for k in together)
     split = [([k for k in together if active[k]], [k for k in together if not active[k]]) for together in sets]
     told_by = [
-        beside(space, z, known.every, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
+        beside(space, z, known.apart, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
         for moved, still in split
     ]
     shared = [found for found in told_by if found]
@@ -138,16 +143,18 @@ def _together(
     }
 
 
-def _share(loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget) -> float:
+def _share(
+    loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget, delay: int | None
+) -> float:
     """How wide draws may be; as wide as the intervals where Ctrl-C ends the search for it."""
     try:
-        return bearable(loss, space, z, covariance, budget.draws, budget.draw_rows)
+        return bearable(loss, space, z, covariance, budget.draws, budget.draw_rows, delay)
     except KeyboardInterrupt:
         return 1.0
 
 
 def _covariance(space: Space, covariance: np.ndarray) -> dict[str, Any]:
-    """Covariance of the informed parameters in prior standard deviations, for ``FitResult.draws``."""
+    """Covariance of what is drawn in prior standard deviations, for ``FitResult.draws``."""
     told = np.flatnonzero(np.diag(covariance) > 0.0)
     return {"parameters": [space.names[k] for k in told], "matrix": covariance[np.ix_(told, told)].tolist()}
 

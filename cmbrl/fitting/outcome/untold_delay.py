@@ -4,7 +4,8 @@ A fit takes no delay where held-out parts do not call for one. That is no proof 
 sampled slowly, a delay looks like a heavier rotor, more friction or a weaker gain. With the delay x >= 0 beside the
 fitted parameters, Gauss-Newton tells its most likely value and deviation, m and s. The fitted parameters follow it by
 c x, where c is their covariance with x by its variance. So their intervals allow for c c^T E[x^2], the mean over a
-normal distribution with m and s from 0 on: hardly anything where the log rules a delay out.
+normal distribution with m and s from 0 on: hardly anything where the log rules a delay out. Draws for policies have the
+delay itself too, with c x in what follows it.
 """
 
 from __future__ import annotations
@@ -30,10 +31,14 @@ _SLIGHT = 0.1  # of a time step of the log: what nobody would notice
 
 @dataclass(frozen=True)
 class UntoldDelay:
-    """``covariance`` (n, n) in z that it adds to intervals; ``most``: what the log does not rule out [s]."""
+    """``covariance`` (n, n) in z of the delay, in column ``place``, and of all that follows it.
+
+    ``most``: what the log does not rule out [s].
+    """
 
     covariance: np.ndarray
     most: float
+    place: int
 
     @classmethod
     def of(cls, space: Space, z: np.ndarray, active: np.ndarray, equations: NormalEquations) -> UntoldDelay | None:
@@ -50,20 +55,24 @@ class UntoldDelay:
         spread = inverse(information / (1.0 + REPEATED * equations.variance) + prior)
         deviation = float(np.sqrt(spread[-1, -1]))
         first, second = _moments_above_0(mean, deviation)
-        follow = spread[:-1, -1] / spread[-1, -1]
+        follow = spread[:, -1] / spread[-1, -1]
         covariance = np.zeros_like(space.precision)
-        covariance[np.ix_(columns[:-1], columns[:-1])] = second * np.outer(follow, follow)
+        covariance[square] = second * np.outer(follow, follow)
         reach = first + _NORMAL_95 * np.sqrt(max(second - first**2, 0.0))
-        return cls(covariance, float(min(space.sd[late[0]] * reach, space.high[late[0]])))
+        return cls(covariance, float(min(space.sd[late[0]] * reach, space.high[late[0]])), int(late[0]))
+
+    def matters(self, dt: float) -> bool:
+        """Whether it is anything to speak of beside the log's time step ``dt`` [s]."""
+        return self.most >= _SLIGHT * dt
 
     def told(self, space: Space, without: np.ndarray, dt: float) -> dict[str, Any] | None:
         """For the report: the parameters to whose variances ``without`` it (n,) it adds more than they are.
 
         None where there are none, or where it is small beside the log's time step ``dt`` [s].
         """
-        added = np.diag(self.covariance)
+        added = np.where(np.arange(len(space)) == self.place, 0.0, np.diag(self.covariance))
         places = np.flatnonzero(added > np.maximum(without, 1e-300))
-        if not len(places) or self.most < _SLIGHT * dt:
+        if not len(places) or not self.matters(dt):
             return None
         order = places[np.argsort(-added[places])]
         return {"most": self.most, "parameters": [space.names[k] for k in order]}
