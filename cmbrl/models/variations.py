@@ -105,15 +105,15 @@ class Variations(ABC):
     def rivals(self) -> dict[str, Self]:
         """The same model under other laws of contact, as far as they are open, by name.
 
-        "convex" or "coulomb": the other law of sliding. "mujoco": MuJoCo's own step of the file, with the convex law,
-        rows that act once they are closed, RK4 if the file asks for it, and no smoothing.
+        "mujoco": MuJoCo's own step of the file, with the convex law, rows that act once they are closed, RK4 if the
+        file asks for it, and no smoothing. "convex" or "coulomb": the other law of sliding.
         """
         own = self._settings
         found = {}
-        if own.given["sliding"] is None and (other := self.under_other_law()) is not None:
-            found[other._settings.sliding] = other
         if (theirs := self._mujocos_step()) is not None:
             found["mujoco"] = theirs
+        if own.given["sliding"] is None and (other := self.under_other_law()) is not None:
+            found[other._settings.sliding] = other
         return found
 
     def _mujocos_step(self) -> Self | None:

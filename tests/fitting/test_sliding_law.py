@@ -19,7 +19,7 @@ from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.sliding import rivals, supported_sliding
 from cmbrl.fitting.log.survey import Surveyor
 from cmbrl.fitting.outcome.report_text import render
-from cmbrl.fitting.state import Journal
+from cmbrl.fitting.state import Journal, OutOfTime
 
 from .pushed_box import PUSHER, pushes
 from .test_fit_hidden import recorded, scene
@@ -81,7 +81,7 @@ def test_all_laws_that_are_open_are_tried(tmp_path: Path) -> None:
     """Of positions, MuJoCo's step alone: what stands in for shapes may hold fingers that pass each other there."""
     model, log = log_of(tmp_path)
     states, positions = (rivals(Evidence.of(model, each)) for each in (log, poses(model, log, 0.0)))
-    assert list(states) == ["convex", "mujoco"]
+    assert list(states) == ["mujoco", "convex"]
     assert list(positions) == ["mujoco"]
     assert (states["convex"].sliding, states["convex"].look_ahead) == ("convex", model.look_ahead)
     assert (states["mujoco"].sliding, states["mujoco"].look_ahead) == ("convex", False)
@@ -103,7 +103,7 @@ def test_a_file_that_asks_for_rk4_is_tried_under_it(tmp_path: Path) -> None:
     assert by_euler.for_training(soft).look_ahead
     named = cmbrl.ComplementarityModel(open_scene, integrator="leapfrog")
     assert list(named.rivals()) == ["convex"]
-    assert list(model.with_settings(time_step=0.008).rivals()) == ["convex", "mujoco"]
+    assert list(model.with_settings(time_step=0.008).rivals()) == ["mujoco", "convex"]
     long = cmbrl.ComplementarityModel(scene(tmp_path, PUCK), time_step=0.008)
     assert list(long.rivals()) == ["convex"]
     assert not cmbrl.ComplementarityModel(open_scene, sliding="coulomb").rivals()
@@ -168,6 +168,26 @@ def test_a_box_that_is_pushed_tells_the_law(tmp_path: Path, noise: float) -> Non
     assert found.told is not None
     assert found.told["relative_error"] < 0.85
     assert found.evidence.model.sliding == "convex"
+
+
+def test_laws_that_were_fitted_in_time_are_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo's step first, which the logs of simulators call for."""
+    evidence = Evidence.of(
+        cmbrl.ComplementarityModel(scene(tmp_path, PUSHER.format(floor=0.6, mass=0.4))), pushes(4, 60)
+    )
+    scores = iter([-1.0, -2.0])
+
+    def scored(_: Surveyor, *__: Any) -> float:
+        if (score := next(scores, None)) is None:
+            raise OutOfTime
+        return score
+
+    monkeypatch.setattr(Surveyor, "score_after", scored)
+    begin = np.zeros(len(evidence.space))
+    surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 4, 0, 2000, 8, Journal(None, ""))
+    found = supported_sliding(surveyor, (1, 4))
+    assert found.told == {"tried": "mujoco", "own": "coulomb", "relative_error": np.exp(-1.0), "taken": True}
+    assert supported_sliding(surveyor, (1, 4)).told is None  # no time for any
 
 
 def test_a_law_that_was_named_or_does_not_matter_stays(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ more steps if the log has noise.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.survey import Surveyor
+from cmbrl.fitting.state import OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
 _CLEARLY_BETTER = 0.97  # times the error under the own law
@@ -50,7 +52,7 @@ def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
     """The laws that the log supports.
 
     Another law is taken if it is clearly better after all have been fitted. There is nothing to choose where they
-    predict the log alike, as of a robot that touches nothing.
+    predict the log alike, as of a robot that touches nothing. When time is up, laws that have been fitted are compared.
     """
     own = surveyor.evidence
     steps = max((h for h in surveyor.possible(horizons) if h <= _STEPS), default=min(horizons))
@@ -61,21 +63,31 @@ def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
     }
     if not tried:
         return Sliding(own)
-    errors = {name: _relative_error(rival, surveyor, steps) for name, rival in tried.items()}
-    longer = _OPEN[0] < min(errors.values()) < _OPEN[1]
-    if longer:
-        near = [name for name, error in errors.items() if error < _OPEN[1]]
-        errors = {name: _relative_error(tried[name], surveyor, steps, longer=True) for name in near}
+    errors = _relative_errors(tried, surveyor, steps)
+    if not errors:
+        return Sliding(own)
+    again: dict[str, float] = {}
+    if _OPEN[0] < min(errors.values()) < _OPEN[1]:
+        near = {name: tried[name] for name, error in errors.items() if error < _OPEN[1]}
+        again = _relative_errors(near, surveyor, steps, longer=True)
+    errors = again or errors
     best = min(errors, key=errors.__getitem__)
     taken = errors[best] < _CLEARLY_BETTER
     told = {"tried": best, "own": own.model.sliding, "relative_error": errors[best], "taken": taken}
     chosen = tried[best] if taken else surveyor
-    return Sliding(chosen.evidence, told, chosen.fitted_to(steps, longer) if own.positions_only else None)
+    return Sliding(chosen.evidence, told, chosen.fitted_to(steps, bool(again)) if own.positions_only else None)
 
 
-def _relative_error(rival: Surveyor, own: Surveyor, steps: int, longer: bool = False) -> float:
-    error = np.exp(rival.score_after(steps, longer) - own.score_after(steps, longer))
-    return float(np.nan_to_num(error, nan=np.inf))
+def _relative_errors(
+    rivals: Mapping[str, Surveyor], own: Surveyor, steps: int, longer: bool = False
+) -> dict[str, float]:
+    """Of each of the ``rivals``, as far as there is time."""
+    found: dict[str, float] = {}
+    with suppress(OutOfTime):
+        before = own.score_after(steps, longer)
+        for name, rival in rivals.items():
+            found[name] = float(np.nan_to_num(np.exp(rival.score_after(steps, longer) - before), nan=np.inf))
+    return found
 
 
 def label(law: str) -> str:

@@ -8,6 +8,7 @@ that is heavy, so that what the log tells best moves first, and ends plainly.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import SOLVER_VARIANCE
 from cmbrl.fitting.search.space import Space
-from cmbrl.fitting.state import Journal
+from cmbrl.fitting.state import Journal, OutOfTime
 
 _HEAVY = 1e4  # variance that weighs the prior at first: as if errors were 100 times the change
 _USUAL = (0.2, 0.1)  # shares of the windows
@@ -40,15 +41,20 @@ class Ways:
     tolerant: bool
 
     def best(self, begin: np.ndarray) -> np.ndarray:
-        """Where (n,) the better way leads from the best row of ``begin`` (k, n); plainly only if that is exact."""
+        """Where (n,) the better way leads from the best row of ``begin`` (k, n).
+
+        The plain one if it is exact, or if time is up for another.
+        """
         if not self.chosen.any():
             return begin[0]
         start = begin[0] if len(begin) == 1 else min(begin, key=self._value)
         found = self._led(start)
         if not self.tolerant or (value := self._value(found)) <= self._exact:
             return found
-        other = self._by_tolerant(start)
-        return other if self._value(other) < value else found
+        with suppress(OutOfTime):
+            other = self._by_tolerant(start)
+            found = other if self._value(other) < value else found
+        return found
 
     @property
     def _exact(self) -> float:
