@@ -2,8 +2,8 @@
 
 Plainly, and by a tolerant loss. Where contacts make and break, single windows stop a plain search: they hide what all
 others gain. The tolerant loss counts those beyond the usual as little as their logarithm. Usual is the loss of the best
-fifth, then of the best tenth and twentieth: a search that stops goes on by windows that are explained already. It begins
-with a prior that is heavy, so that what the log tells best moves first, and ends plainly.
+fifth, then of the best tenth and twentieth: a search that stops goes on by windows that are explained already. It
+begins with a prior that is heavy, so that what the log tells best moves first, and ends plainly.
 """
 
 from __future__ import annotations
