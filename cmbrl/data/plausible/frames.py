@@ -11,7 +11,7 @@ from cmbrl.data.fields import Fields
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.units import ROWS, SENSOR_NOISE
 from cmbrl.scene.manifold import quaternion_matrix
-from cmbrl.scene.records import JointKind
+from cmbrl.scene.records import Joint, JointKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -24,20 +24,24 @@ TRAVELS = 5.0  #: a coordinate that goes so many usual steps away from its mean 
 
 def angular(log: Fields, scene: Scene) -> Iterator[Finding]:
     """Angular velocities that fit the quaternions in the world's axes, and not in the body's."""
+    for joint, told, mean in turning(log, scene):
+        turned = to_body(log["q"][:, joint.qadr : joint.qadr + 4], mean)
+        if better(told, mean, turned):
+            yield Finding(
+                f"v of joint {joint.name!r}, columns {joint.vadr} to {joint.vadr + 2}: the angular velocity fits the "
+                "quaternions in the axes of the world; give it in the axes of the body"
+            )
+
+
+def turning(log: Fields, scene: Scene) -> Iterator[tuple[Joint, np.ndarray, np.ndarray]]:
+    """Ball joints with their angular velocities (N, 3), as the quaternions tell and as logged; none of a short log."""
     if len(log["q"]) < ROWS:
         return
     change = scene.difference(log["q"], log["q_next"]) / log["dt"]
     for joint in scene.joints:
-        if joint.kind != JointKind.BALL:
-            continue
-        at = slice(joint.vadr, joint.vadr + 3)
-        told, mean = change[:, at], (log["v"][:, at] + log["v_next"][:, at]) / 2
-        turned = to_body(log["q"][:, joint.qadr : joint.qadr + 4], mean)
-        if better(told, mean, turned):
-            yield Finding(
-                f"v of joint {joint.name!r}, columns {at.start} to {at.stop - 1}: the angular velocity fits the "
-                "quaternions in the axes of the world; give it in the axes of the body"
-            )
+        if joint.kind == JointKind.BALL:
+            at = slice(joint.vadr, joint.vadr + 3)
+            yield joint, change[:, at], (log["v"][:, at] + log["v_next"][:, at]) / 2
 
 
 def to_body(quaternion: np.ndarray, vector: np.ndarray) -> np.ndarray:

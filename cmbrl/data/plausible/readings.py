@@ -14,10 +14,8 @@ import numpy as np
 
 from cmbrl.data.fields import Fields
 from cmbrl.data.plausible.finding import Finding
-from cmbrl.data.plausible.frames import better, to_world
-from cmbrl.data.plausible.units import ROWS
+from cmbrl.data.plausible.frames import better, to_world, turning
 from cmbrl.scene.manifold import quaternion_product
-from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -67,15 +65,9 @@ def _nearest(quaternion: np.ndarray, rate: np.ndarray, given: np.ndarray) -> np.
 
 def angular(log: Fields, scene: Scene) -> Iterator[Finding]:
     """Quaternions of transitions that fit their angular velocities if read in another way."""
-    if len(log["q"]) < ROWS:
-        return
-    change = scene.difference(log["q"], log["q_next"]) / log["dt"]
-    for joint in scene.joints:
-        if joint.kind != JointKind.BALL:
-            continue
-        at, turn = slice(joint.vadr, joint.vadr + 3), slice(joint.qadr, joint.qadr + 4)
-        mean = (log["v"][:, at] + log["v_next"][:, at]) / 2
-        if (text := misread(log["q"][:, turn], change[:, at], mean)) is not None:
+    for joint, told, mean in turning(log, scene):
+        turn = slice(joint.qadr, joint.qadr + 4)
+        if (text := misread(log["q"][:, turn], told, mean)) is not None:
             yield Finding(
                 f"q of joint {joint.name!r}, columns {turn.start} to {turn.stop - 1}: the quaternions fit the angular "
                 f"velocities if read in another way: {text}"
