@@ -125,6 +125,7 @@ def test_both_fits_go_on_where_they_hardly_differ(
         return float(np.log(error)) if surveyor.label else 0.0
 
     monkeypatch.setattr(Surveyor, "score_after", score_after)
+    monkeypatch.setattr(Surveyor, "explains", lambda *_: False)
     found, told = chosen(*log_of(tmp_path))
     assert told is not None
     assert told["taken"] == taken == (found == "convex")
@@ -175,7 +176,7 @@ def test_laws_that_were_fitted_in_time_are_compared(tmp_path: Path, monkeypatch:
     evidence = Evidence.of(
         cmbrl.ComplementarityModel(scene(tmp_path, PUSHER.format(floor=0.6, mass=0.4))), pushes(4, 60)
     )
-    scores = iter([-1.0, -2.0])
+    scores = iter([-2.0, -1.0])
 
     def scored(_: Surveyor, *__: Any) -> float:
         if (score := next(scores, None)) is None:
@@ -183,11 +184,24 @@ def test_laws_that_were_fitted_in_time_are_compared(tmp_path: Path, monkeypatch:
         return score
 
     monkeypatch.setattr(Surveyor, "score_after", scored)
+    monkeypatch.setattr(Surveyor, "explains", lambda *_: False)
     begin = np.zeros(len(evidence.space))
     surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 4, 0, 2000, 8, Journal(None, ""))
     found = supported_sliding(surveyor, (1, 4))
     assert found.told == {"tried": "mujoco", "own": "coulomb", "relative_error": np.exp(-1.0), "taken": True}
     assert supported_sliding(surveyor, (1, 4)).told is None  # no time for any
+
+
+def test_where_a_law_explains_the_log_the_others_are_not_surveyed(tmp_path: Path) -> None:
+    """The own is fitted plainly, to say how much better that law is."""
+    model, log = log_of(tmp_path)
+    evidence, journal = Evidence.of(model, log), Journal(None, "")
+    begin = np.zeros(len(evidence.space))
+    found = supported_sliding(Surveyor(evidence, evidence.space.default, begin, 3.0, 3, 0, 200, 8, journal), (1, 4))
+    assert found.told is not None
+    assert (found.told["tried"], found.told["taken"]) == ("mujoco", True)
+    surveys = [name for name in journal.units if "survey" in name]
+    assert surveys == [f"{law} survey of {h} steps" for law in ("mujoco:", "plainly,") for h in (1, 4)]
 
 
 def test_a_law_that_was_named_or_does_not_matter_stays(tmp_path: Path) -> None:

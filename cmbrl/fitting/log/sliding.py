@@ -23,6 +23,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 _CLEARLY_BETTER = 0.97  # times the error under the own law
 _OPEN = 0.9, 1.1  # between these, short fits say little: the wrong law shows when all else is right
 _STEPS = 4  # of the first fits, at most: contacts show in them, and impacts do not rule
+_OWN = "own"
 _WORDS = {
     "coulomb": "exact Coulomb",
     "convex": "the convex law, MuJoCo's",
@@ -81,13 +82,24 @@ def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
 def _relative_errors(
     rivals: Mapping[str, Surveyor], own: Surveyor, steps: int, longer: bool = False
 ) -> dict[str, float]:
-    """Of each of the ``rivals``, as far as there is time."""
-    found: dict[str, float] = {}
+    """Of each of the ``rivals``, as far as there is time.
+
+    The first of them is fitted first. Where a law explains the log, no other can be clearly better: the own is fitted
+    shortly, to compare, and those that would follow are not.
+    """
+    first, *others = rivals
+    scores: dict[str, float] = {}
     with suppress(OutOfTime):
-        before = own.score_after(steps, longer)
-        for name, rival in rivals.items():
-            found[name] = float(np.nan_to_num(np.exp(rival.score_after(steps, longer) - before), nan=np.inf))
-    return found
+        scores[first] = rivals[first].score_after(steps, longer)
+        explained = rivals[first].explains(steps)
+        scores[_OWN] = (own.plain if explained else own).score_after(steps, longer)
+        if not explained and not own.explains(steps):
+            for name in others:
+                scores[name] = rivals[name].score_after(steps, longer)
+    before = scores.pop(_OWN, None)
+    if before is None:
+        return {}
+    return {name: float(np.nan_to_num(np.exp(score - before), nan=np.inf)) for name, score in scores.items()}
 
 
 def label(law: str) -> str:

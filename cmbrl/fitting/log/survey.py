@@ -71,7 +71,7 @@ class Survey:
 class Surveyor:
     """``chosen`` (n,): the parameters that may move; ``begin`` (n,): where fits begin; ``count`` of folds, 0 for none;
     ``noise_rows`` to tell noise by; ``judged``: share of the judges' windows. ``label``: of journal units.
-    ``reached`` (n,): where a fit of positions has led already.
+    ``reached`` (n,): where a fit of positions has led already. ``tolerant``: by that loss, too.
     """
 
     evidence: Evidence
@@ -87,6 +87,12 @@ class Surveyor:
     noise_rows: int = 5000
     judged: float = 1.0
     reached: np.ndarray | None = None
+    tolerant: bool = True
+
+    @property
+    def plain(self) -> Surveyor:
+        """Another, by the plain loss alone."""
+        return replace(self, tolerant=False, label=f"{self.label}plainly, ")
 
     def run(self, horizons: Sequence[int]) -> Survey:
         """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
@@ -139,6 +145,12 @@ class Surveyor:
             z = self._fit(f"survey of {h} steps, {again}", h, noise, z)
         return z
 
+    def explains(self, horizon: int) -> bool:
+        """Whether what ``fitted_to`` leaves of a log without noise is no more than the solver's accuracy does."""
+        if self.evidence.positions_only or self._noise(self.evidence.space.nominal) is not None:
+            return False
+        return self._ways(horizon, None).is_exact(self.fitted_to(horizon))
+
     def same(self, other: ComplementarityModel, horizon: int) -> bool:
         """Whether an ``other`` model of the same parameters predicts the log from the beginning as its own does."""
         starts = draw_starts(self.evidence.log, horizon, self.rows, self.seed)
@@ -181,7 +193,7 @@ class Surveyor:
         """
         before: list[np.ndarray] = []
         for h in sorted(horizons):
-            tolerant = not before and not self.evidence.positions_only  # over the shortest, which costs the least
+            tolerant = self.tolerant and not before and not self.evidence.positions_only  # over the shortest: cheapest
             before = [self._fit(f"survey of {h} steps", h, noise, self.begin, *before, tolerant=tolerant)]
             yield h, before[0]
 
@@ -194,11 +206,15 @@ class Surveyor:
         self.journal.report(0.02, name)
 
         def compute() -> dict[str, Any]:
-            loss, space = self._loss(horizon, noise, left), self.evidence.space
-            ways = Ways(loss, space, self.chosen, self.iterations, self.journal, noise is not None, tolerant)
-            return {"z": ways.best(np.array(starts)).tolist()}
+            return {"z": self._ways(horizon, noise, left, tolerant).best(np.array(starts)).tolist()}
 
         return np.array(self.journal.unit(self.label + name, compute)["z"])
+
+    def _ways(
+        self, horizon: int, noise: np.ndarray | None, left: np.ndarray | None = None, tolerant: bool = False
+    ) -> Ways:
+        loss, space = self._loss(horizon, noise, left), self.evidence.space
+        return Ways(loss, space, self.chosen, self.iterations, self.journal, noise is not None, tolerant)
 
     def _loss(self, horizon: int, noise: np.ndarray | None, left: np.ndarray | None) -> PredictionLoss:
         """Of some windows, but those that judge."""

@@ -49,17 +49,17 @@ class Ways:
             return begin[0]
         start = begin[0] if len(begin) == 1 else min(begin, key=self._value)
         found = self._led(start)
-        if not self.tolerant or (value := self._value(found)) <= self._exact:
+        if not self.tolerant or self.is_exact(found):
             return found
+        value = self._value(found)
         with suppress(OutOfTime):
             other = self._by_tolerant(start)
             found = other if self._value(other) < value else found
         return found
 
-    @property
-    def _exact(self) -> float:
-        """The loss that the solver's accuracy leaves."""
-        return 0.5 * SOLVER_VARIANCE * self.loss.windows.scales.observed
+    def is_exact(self, z: np.ndarray) -> bool:
+        """Whether the loss at ``z`` (n,) is no more than the solver's accuracy leaves."""
+        return self._value(z) <= 0.5 * SOLVER_VARIANCE * self.loss.windows.scales.observed
 
     def _by_tolerant(self, z: np.ndarray) -> np.ndarray:
         heavy = 0.0 if self.noisy else _HEAVY
