@@ -25,7 +25,7 @@ import numpy as np
 from cmbrl.fitting.choice.forecast import Forecast, adjusted, rise, superfluous
 from cmbrl.fitting.choice.trials import Incumbent, Trial, Trials
 from cmbrl.fitting.log.judge import RIGHT
-from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, paired_gain
+from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, SOLVED, paired_gain
 from cmbrl.fitting.search.gauss_newton import gauss_newton
 from cmbrl.fitting.search.loss import Errors, NormalEquations
 from cmbrl.fitting.search.objective import Objective
@@ -78,9 +78,8 @@ class Selection(Trials):
             if not incumbent.z[columns].any() and self._idle(incumbent.z, columns):
                 incumbent.active = incumbent.active & ~columns
         groups, equations = self._active(incumbent), self._equations(incumbent)
-        dispensable = superfluous(
-            self.space, incumbent.z, incumbent.active, equations, groups, LEAST_GAIN * before.mean
-        )
+        least = max(LEAST_GAIN * before.mean, SOLVED)
+        dispensable = superfluous(self.space, incumbent.z, incumbent.active, equations, groups, least)
         kept = self._kept(incumbent, before) if dispensable else None
         while dispensable and kept is not None:
             columns = self.space.columns(dispensable)
@@ -102,6 +101,8 @@ class Selection(Trials):
 
     def _add(self, incumbent: Incumbent, before: Errors) -> Errors | None:
         """Adds the best group, a set of groups, or a blank one; returns the new errors, or None if nothing helps."""
+        if before.mean <= SOLVED:
+            return None
         strength = Objective.at(self.loss, self.space, incumbent.active, incumbent.z).strength
         forecast = Forecast.at(self.folds, self.space, incumbent.z, strength)
 

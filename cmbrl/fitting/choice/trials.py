@@ -9,10 +9,10 @@ import numpy as np
 
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.log.judge import Judge, score
-from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, Folds, paired_gain
+from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, SOLVED, Folds, paired_gain
 from cmbrl.fitting.search.gauss_newton import gauss_newton
 from cmbrl.fitting.search.loss import Errors, NormalEquations, PredictionLoss
-from cmbrl.fitting.search.objective import SOLVER_VARIANCE, NotFinite, Objective
+from cmbrl.fitting.search.objective import NotFinite, Objective
 from cmbrl.fitting.search.random_search import random_search
 from cmbrl.fitting.search.released import released
 from cmbrl.fitting.search.space import Space
@@ -79,14 +79,14 @@ class Trial:
         Each of the ``groups`` that are gone would have to be worth its share of the loss.
         """
         return (
-            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * groups * loss, 0.5 * SOLVER_VARIANCE)
+            -self.gain <= max(NOISE_FACTOR * self.noise_of_rise, LEAST_GAIN * groups * loss, SOLVED)
             and self.score < score + LEAST_SCORE
             and self.strain < strain + max(LEAST_STRAIN, SHARE_OF_STRAIN * strain)
         )
 
     def counts(self, loss: float) -> bool:
         """Whether the fall of the held-out ``loss`` exceeds noise and accuracy and is worth a parameter."""
-        return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss, 0.5 * SOLVER_VARIANCE)
+        return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss, SOLVED)
 
 
 @dataclass(frozen=True)

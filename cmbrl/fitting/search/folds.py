@@ -22,7 +22,7 @@ from cmbrl.models.windows import blocks_of
 
 NOISE_FACTOR, LEAST_GAIN = 2.0, 0.01  #: a fall of the held-out loss counts above so many times its noise and this share
 _DECREASE = 1e-3  # of the objective by an iteration; less tells nothing of what is held out
-_SOLVED = 0.5 * SOLVER_VARIANCE  # a loss that the solver's accuracy leaves
+SOLVED = 0.5 * SOLVER_VARIANCE  #: a loss that the solver's accuracy leaves
 _LEAST_BLOCKS = 6  # fewer episodes are cut into this many runs of consecutive starts
 
 
@@ -176,6 +176,6 @@ def typical_rise(before: np.ndarray, after: np.ndarray, blocks: np.ndarray) -> t
     places, block = np.unique(blocks[told], return_inverse=True)
     if len(places) < 2:
         return 0.0, np.inf
-    ratio = np.log((after[told] + _SOLVED) / (before[told] + _SOLVED))
+    ratio = np.log((after[told] + SOLVED) / (before[told] + SOLVED))
     mean = np.bincount(block, weights=ratio) / np.bincount(block)
     return float(mean.mean()), float(mean.std(ddof=1) / np.sqrt(len(mean)))

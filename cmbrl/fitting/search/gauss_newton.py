@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.fitting.search.loss import NormalEquations, PredictionLoss
-from cmbrl.fitting.search.objective import NOT_FINITE, NotFinite, Objective
+from cmbrl.fitting.search.objective import NOT_FINITE, SOLVER_VARIANCE, NotFinite, Objective
 from cmbrl.fitting.search.random_search import Keep, Search, forget
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
@@ -74,7 +74,7 @@ def reweighed(
     """Where (n,) passes of ``iterations`` lead from ``start`` (n,), each with the prior weighed by what errors remain.
 
     Errors of the file weigh it far too much for a log that is nearly explained. There are at most so many ``passes``;
-    they end where the loss hardly falls. ``heavy``: variance that weighs the prior at first, then less and less: what
+    they end where the loss hardly falls, or the solver's accuracy explains it. ``heavy``: variance that weighs the prior at first, then less and less: what
     the log tells best moves first. ``usual``: share of the windows that each pass takes for the usual ones
     (``tolerant`` of the loss); None for the plain loss.
     """
@@ -87,6 +87,8 @@ def reweighed(
                 break
             before = objective.remaining
         z = gauss_newton(objective, z, iterations, journal, decrease=_PASS_DECREASE).z
+        if objective.variance <= SOLVER_VARIANCE:  # no pass weighs the prior less
+            break
         heavy *= _LIGHTER
     return z
 
