@@ -74,9 +74,9 @@ def reweighed(
     """Where (n,) passes of ``iterations`` lead from ``start`` (n,), each with the prior weighed by what errors remain.
 
     Errors of the file weigh it far too much for a log that is nearly explained. There are at most so many ``passes``;
-    they end where the loss hardly falls, or the solver's accuracy explains it. ``heavy``: variance that weighs the prior at first, then less and less: what
-    the log tells best moves first. ``usual``: share of the windows that each pass takes for the usual ones
-    (``tolerant`` of the loss); None for the plain loss.
+    they end where the loss hardly falls, or the solver's accuracy explains it. ``heavy``: variance that weighs the
+    prior at first, then less and less: what the log tells best moves first. ``usual``: share of the windows that each
+    pass takes for the usual ones (``tolerant`` of the loss); None for the plain loss.
     """
     z, before = start, np.inf
     for _ in range(passes):
