@@ -176,6 +176,21 @@ def test_arms_differ_in_their_options_and_are_compared(
     assert not (tmp_path / "study/plain").exists()
 
 
+def test_arms_are_run_one_by_one(config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A sweep of all goes on with what is finished."""
+    (tmp_path / "arms.yaml").write_text(ARMS)
+    assert main(["sweep", "arms.yaml", "--arm", "shorter", "--out", "study"]) == 2
+    assert "arms.yaml: no arm 'shorter'; its arms: plain, longer" in capsys.readouterr().err
+    assert not (tmp_path / "study").exists()
+    assert main(["sweep", "arms.yaml", "--arm", "longer", "--out", "study", "--jobs", "1"]) == 0
+    assert [file.stem for file in (tmp_path / "study/seeds").iterdir()] == ["longer_seed_1"]
+    shutil.rmtree(tmp_path / "study/longer")
+    assert main(["sweep", "arms.yaml", "--out", "study", "--jobs", "1"]) == 0
+    assert not (tmp_path / "study/longer").exists()
+    kept = json.loads((tmp_path / "study/sweep.json").read_text())
+    assert [(arm["arm"], len(arm["runs"])) for arm in kept["arms"]] == [("plain", 2), ("longer", 1)]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [

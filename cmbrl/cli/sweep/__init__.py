@@ -23,6 +23,7 @@ from cmbrl.runs import environment, usable_cores
 EXAMPLE = """
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10
 cmbrl sweep configs/studies/bundles_hopper.yaml --out runs/bundles   # has arms and seeds
+cmbrl sweep configs/studies/bundles_hopper.yaml --arm "bcg 300" --out runs/bundles
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:100 --out runs/seeds --backend ray --jobs 64
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10 --out runs/seeds --slurm > seeds.sh
 """
@@ -38,6 +39,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seeds", type=seeds, metavar="A:B", help="seeds A to B - 1, or a list such as 0,3,7 (default: CONFIG's)"
+    )
+    parser.add_argument(
+        "--arm", action="append", metavar="NAME", help="run this arm of CONFIG only (may be repeated; default: all)"
     )
     parser.add_argument(
         "--out",
@@ -56,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     config = Path(arguments.sweep)
     out = Path(arguments.out or f"runs/{config.stem}-seeds")
-    plan = Plan.read(config, arguments.seeds)
+    plan = Plan.read(config, arguments.seeds, arguments.arm)
     folders = [out / arm.folder for arm in plan.arms if arm.name]
     made = [place for place in (*folders, out / "seeds", out, *out.parents) if not place.exists()]
     single = len(plan.arms) == 1 and not plan.arms[0].name

@@ -47,10 +47,11 @@ class Plan:
     judge: int = 0
 
     @classmethod
-    def read(cls, file: Path, given: Sequence[int] | None) -> Plan:
-        """The plan in a YAML or JSON file; ``given`` seeds replace its own.
+    def read(cls, file: Path, given: Sequence[int] | None, only: Sequence[str] | None = None) -> Plan:
+        """The plan in a YAML or JSON file; ``given`` seeds replace its own. ``only``: names of arms; None for all.
 
-        Raises UserError for a file that is none, for arms that share a folder, and where no seeds are given.
+        Raises UserError for a file that is none, for arms that share a folder or are not in it, and where no seeds are
+        given.
         """
         options = dict(read_configuration(file))
         command = options.get("command")
@@ -77,6 +78,10 @@ class Plan:
         folders = [arm.folder for arm in found]
         if len(set(folders)) < len(folders) or (len(found) > 1 and "" in folders):
             raise UserError(f"{file}: arms: give each a name of its own, of letters and digits")
+        if unknown := [name for name in only or () if name not in [arm.name for arm in found]]:
+            has = ", ".join(arm.name for arm in found if arm.name) or "none"
+            raise UserError(f"{file}: no arm {shortened(unknown[0])!r}; its arms: {has}")
+        found = [arm for arm in found if only is None or arm.name in only]
         return cls(command, found, about["question"] or "", about["answer"] or "", judge)
 
 
