@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 
 @dataclass
-class Clock:
+class RunClock:
     """Goes on from what earlier parts of a run took.
 
     Processor time, of all threads, is what to compare where other programs share the machine.

@@ -26,7 +26,7 @@ import torch
 from cmbrl.errors import UserError
 from cmbrl.files import make_folder, write_bytes, write_json
 from cmbrl.train.checkpoint import load_state, save_state
-from cmbrl.train.clock import Clock
+from cmbrl.train.clock import RunClock
 from cmbrl.train.metrics import MetricsLog, Row, as_csv, from_csv
 from cmbrl.train.metrics_plot import plot_metrics
 from cmbrl.train.policy_file import save_policy
@@ -80,7 +80,7 @@ class TrainingRun:
         self.trainer, self.folder, self.about = trainer, Path(folder), dict(about)
         self._options = json.dumps(dict(about if options is None else options), sort_keys=True)
         self.checkpoint_seconds = checkpoint_seconds
-        self.iteration, self.clock = 0, Clock()
+        self.iteration, self.clock = 0, RunClock()
         self._unusable = 0
         self._rows: list[Row] = []  # of metrics.csv
         make_folder(self.folder)
@@ -146,7 +146,7 @@ class TrainingRun:
         try:
             self.trainer.restore(state["trainer"])
             self.iteration = int(state["iteration"])
-            self.clock = Clock(float(state["seconds"]), float(state["processor_seconds"]))
+            self.clock = RunClock(float(state["seconds"]), float(state["processor_seconds"]))
             self._rows = from_csv(state["metrics"])
         except (KeyError, IndexError, AttributeError, TypeError, ValueError, RuntimeError, AssertionError) as error:
             last = (str(error).strip().splitlines() or [type(error).__name__])[-1].strip()

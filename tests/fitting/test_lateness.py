@@ -63,6 +63,8 @@ def test_nothing_is_said_where_each_is_known(space: Space) -> None:
     z = at(space, 0.022, 0.018)
     assert lateness(space, z, covariance(space, 0.0004, 0.001), 1e-9) is None
     assert lateness(space, z, np.zeros((len(space), len(space))), 1e-9) is None
+    at_once = {"lateness": {"value": 0.001, "low": 0.0, "high": 0.004}}
+    assert lateness_told(at_once) == "commands act at once, or at most 4 ms late (delay + lag, interval [0, 4])"
     assert lateness_told({}) is None
     assert lateness_told({"lateness": None}) is None
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from cmbrl.train.clock import Clock
+from cmbrl.train.clock import RunClock
 
 
 def test_a_run_that_is_continued_counts_what_its_parts_took_and_not_what_lay_between(
@@ -15,7 +15,7 @@ def test_a_run_that_is_continued_counts_what_its_parts_took_and_not_what_lay_bet
     wall, processor = 5.0, 2.0
     monkeypatch.setattr(time, "monotonic", lambda: wall)
     monkeypatch.setattr(time, "process_time", lambda: processor)
-    clock = Clock(seconds=100.0, processor_seconds=70.0)
+    clock = RunClock(seconds=100.0, processor_seconds=70.0)
     wall, processor = 8.0, 3.0
     clock.go_on()
     wall, processor = 12.0, 3.5
@@ -24,7 +24,7 @@ def test_a_run_that_is_continued_counts_what_its_parts_took_and_not_what_lay_bet
 
 
 def test_waiting_takes_no_processor_time() -> None:
-    clock = Clock()
+    clock = RunClock()
     time.sleep(0.2)
     told = clock.read()
     assert told["processor_seconds"] < 0.15 < 0.2 <= told["seconds"]

@@ -43,7 +43,10 @@ def lateness_told(report: Mapping[str, Any]) -> str | None:
     if not found:
         return None
     value, low, high = (1e3 * found[name] for name in ("value", "low", "high"))
+    both = f"delay + lag, interval [{low:.3g}, {high:.3g}]"
+    if not low > 0.0:
+        return f"commands act at once, or at most {high:.3g} ms late ({both})"
     return (
-        f"commands act {value:.3g} ms late (delay + lag, interval [{low:.3g}, {high:.3g}]); how much of it is delay "
-        "and how much lag, motion as slow as the log's hardly tells"
+        f"commands act {value:.3g} ms late ({both}); how much of it is delay and how much lag, motion as slow as the "
+        "log's hardly tells"
     )

@@ -26,7 +26,7 @@ LEVEL, TOLERANCE = 1e-10, 1e-11  #: residual that counts as solved; tolerance th
 
 
 @dataclass(frozen=True)
-class Clock:
+class RobotTimes:
     """One robot: seconds a problem of ours by single calls and in batches, of DAQP by its own clock (None where it is
     not installed), and how many of its problems ours brought below the level."""
 
@@ -38,7 +38,7 @@ class Clock:
     daqp: float | None
 
 
-def clocks(robot: str, states: int, seed: int) -> list[Clock]:
+def clocks(robot: str, states: int, seed: int) -> list[RobotTimes]:
     """``robot`` with rigid and with soft contact."""
     kinds: dict[str, list[ContactProblem]] = {}
     for p in visited(states, seed, [robot]):
@@ -46,7 +46,7 @@ def clocks(robot: str, states: int, seed: int) -> list[Clock]:
     return [_clock(kind, problems) for kind, problems in kinds.items()]
 
 
-def _clock(robot: str, problems: Sequence[ContactProblem]) -> Clock:
+def _clock(robot: str, problems: Sequence[ContactProblem]) -> RobotTimes:
     shapes: dict[tuple[int, ...], list[ContactProblem]] = {}
     for p in problems:
         shapes.setdefault(p.J.shape, []).append(p)
@@ -62,7 +62,7 @@ def _clock(robot: str, problems: Sequence[ContactProblem]) -> Clock:
         found = batch.results
         scores = [residuals(p, v, x) for p, v, x in zip(group, found["v"], found["impulse"], strict=True)]
         solved += sum(max(s.natural_map, s.dynamics) <= LEVEL for s in scores)
-    return Clock(robot, len(problems), solved, seconds["call"], seconds["batch"], _daqp(problems))
+    return RobotTimes(robot, len(problems), solved, seconds["call"], seconds["batch"], _daqp(problems))
 
 
 def _daqp(problems: Sequence[ContactProblem]) -> float | None:

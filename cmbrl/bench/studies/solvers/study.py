@@ -44,7 +44,7 @@ def run(folder: Path, settings: Settings, runner: Runner) -> Section:
     count = clock.QUICK_STATES if quick else clock.STATES
     timed = [robot for robot in VISITED if robot in summary.families]
     jobs = [Job(f"clock {robot}", clock.clocks, {"robot": robot, "states": count, "seed": seed}) for robot in timed]
-    clocks = [clock.Clock(**c) for found in runner.run(jobs, "robot", (0.9, 0.98), alone=True) for c in found]
+    clocks = [clock.RobotTimes(**c) for found in runner.run(jobs, "robot", (0.9, 0.98), alone=True) for c in found]
     (curves,) = runner.run([Job("kappa", kappa_curves)], "kappa", (0.98, 1.0))
 
     pictures = {

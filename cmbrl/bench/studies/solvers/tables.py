@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.bench.studies.solvers.cells import Cell
-from cmbrl.bench.studies.solvers.clock import Clock
+from cmbrl.bench.studies.solvers.clock import RobotTimes
 from cmbrl.bench.studies.solvers.derivatives import Point
 from cmbrl.bench.studies.solvers.hard_cases import INFEASIBLE
 from cmbrl.bench.studies.solvers.problems import FAMILIES
@@ -125,7 +125,7 @@ def relaxed(summary: Summary) -> Table:
     return Table(title, ["solver", *columns, "us, median"], rows, WORDS("tables.relaxed"))
 
 
-def core_against_core(clocks: Sequence[Clock]) -> Table:
+def core_against_core(clocks: Sequence[RobotTimes]) -> Table:
     """Microseconds and ratios."""
     rows = [
         [c.robot, f"{c.solved}/{c.count}", 1e6 * c.call, 1e6 * c.batch, c.daqp and 1e6 * c.daqp,
