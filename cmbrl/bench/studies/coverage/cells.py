@@ -9,7 +9,8 @@ from typing import Any
 from cmbrl.bench.studies.hidden.hidden_system import Hidden
 from cmbrl.bench.studies.hidden.truth import coverage
 from cmbrl.bench.studies.mission.runs import random_log
-from cmbrl.fitting import Budget, fit
+from cmbrl.fitting import Budget
+from cmbrl.fitting.played import fit_or_played
 from cmbrl.models.named import nominal_model
 from cmbrl.scene import Scene
 
@@ -37,14 +38,14 @@ QUICK = Plan(
 
 
 def cell(scene: str, family: str, draw: int, plan: Plan) -> dict[str, Any]:
-    """A fit of all parameters, as policies are trained on; the log is of random actions."""
+    """A fit of all parameters, with play where residuals show it, as policies are trained on; of random actions."""
     hidden = Hidden(scene, family, draw)
     task = hidden.task
     assert task.mdp is not None
     log = random_log(task.mdp(), hidden.systems(), plan.rows, LOG_SEED + draw)
     model = nominal_model(task, threads=1)
     begun = time.process_time()
-    found = fit(
+    found = fit_or_played(
         model.with_settings(backward_smoothing=model.smoothing), log, seed=draw, groups="all", budget=plan.budget
     )
     return {
