@@ -204,7 +204,11 @@ def commands_text(told: Mapping[str, Any]) -> str:
     'commands 16 ms late with a lag of 20 ms, as in the model; the policy observes its last 5 actions'
     """
     late = f"commands {1e3 * told['delay']:.3g} ms late with a lag of {1e3 * told['lag']:.3g} ms, as in the model"
-    return f"{late}; the policy observes its last {told['last_actions']} actions"
+    count = told["last_actions"]
+    seen = (
+        f"the policy observes its last {count} actions" if count else "too short for the policy to observe any action"
+    )
+    return f"{late}; {seen}"
 
 
 def progress_text(row: Mapping[str, float]) -> str:
