@@ -215,7 +215,7 @@ def progress_text(row: Mapping[str, float]) -> str:
     """A row in a few words: return, gradient norm and variance, steps, seconds, as far as they were measured.
 
     >>> progress_text({"return": 312.4, "gradient_norm": 0.71, "steps": 204800, "seconds": 12.3})
-    'return 312, gradient 0.71, 205k model steps, 12 s'
+    'return 312.4, gradient 0.71, 205k model steps, 12 s'
     """
     parts = [f"return {row['return']:.4g}"] if "return" in row else []
     if "gradient_norm" in row:
