@@ -190,6 +190,11 @@ def test_laws_that_were_fitted_in_time_are_compared(tmp_path: Path, monkeypatch:
     found = supported_sliding(surveyor, (1, 4))
     assert found.told == {"tried": "mujoco", "own": "coulomb", "relative_error": np.exp(-1.0), "taken": True}
     assert supported_sliding(surveyor, (1, 4)).told is None  # no time for any
+    scores = iter([-9.0])
+    monkeypatch.setattr(Surveyor, "explains", lambda *_: True)
+    found = supported_sliding(surveyor, (1, 4))  # no time for the own law, which could not be better
+    assert found.told is not None
+    assert (found.told["tried"], found.told["taken"]) == ("mujoco", True)
 
 
 def test_where_a_law_explains_the_log_the_others_are_not_surveyed(tmp_path: Path) -> None:

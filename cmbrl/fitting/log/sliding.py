@@ -85,10 +85,11 @@ def _relative_errors(
     """Of each of the ``rivals``, as far as there is time.
 
     The first of them is fitted first. Where a law explains the log, no other can be clearly better: the own is fitted
-    shortly, to compare, and those that would follow are not.
+    plainly, to compare, or not at all when time is up, and those that would follow are not.
     """
     first, *others = rivals
     scores: dict[str, float] = {}
+    explained = False
     with suppress(OutOfTime):
         scores[first] = rivals[first].score_after(steps, longer)
         explained = rivals[first].explains(steps)
@@ -96,6 +97,8 @@ def _relative_errors(
         if not explained and not own.explains(steps):
             for name in others:
                 scores[name] = rivals[name].score_after(steps, longer)
+    if explained and _OWN not in scores:
+        scores[_OWN] = own.score_before()
     before = scores.pop(_OWN, None)
     if before is None:
         return {}

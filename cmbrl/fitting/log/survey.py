@@ -127,8 +127,12 @@ class Surveyor:
         """Those of ``horizons`` that the log has windows of, or the shortest."""
         return [h for h in horizons if len(self.evidence.log.windows(h)) >= LEAST_WINDOWS] or [min(horizons)]
 
+    def score_before(self) -> float:
+        """Mean logarithm of the held-out errors at all horizons, where fits begin."""
+        return score(self._judges, self.evidence.space.theta(self.begin))
+
     def score_after(self, horizon: int, longer: bool = False) -> float:
-        """Mean logarithm of the held-out errors at all horizons, where ``fitted_to`` leads."""
+        """The same where ``fitted_to`` leads."""
         return score(self._judges, self.evidence.space.theta(self.fitted_to(horizon, longer)))
 
     def fitted_to(self, horizon: int, longer: bool = False) -> np.ndarray:
