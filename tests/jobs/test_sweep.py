@@ -180,7 +180,7 @@ def test_arms_are_run_one_by_one(config: Path, tmp_path: Path, capsys: pytest.Ca
     """A sweep of all goes on with what is finished."""
     (tmp_path / "arms.yaml").write_text(ARMS)
     assert main(["sweep", "arms.yaml", "--arm", "shorter", "--out", "study"]) == 2
-    assert "arms.yaml: no arm 'shorter'; its arms: plain, longer" in capsys.readouterr().err
+    assert "arms.yaml: no arm 'shorter'; its arms: plain; longer" in capsys.readouterr().err
     assert not (tmp_path / "study").exists()
     assert main(["sweep", "arms.yaml", "--arm", "longer", "--out", "study", "--jobs", "1"]) == 0
     assert [file.stem for file in (tmp_path / "study/seeds").iterdir()] == ["longer_seed_1"]

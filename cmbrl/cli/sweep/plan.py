@@ -79,7 +79,7 @@ class Plan:
         if len(set(folders)) < len(folders) or (len(found) > 1 and "" in folders):
             raise UserError(f"{file}: arms: give each a name of its own, of letters and digits")
         if unknown := [name for name in only or () if name not in [arm.name for arm in found]]:
-            has = ", ".join(arm.name for arm in found if arm.name) or "none"
+            has = "; ".join(arm.name for arm in found if arm.name) or "none"
             raise UserError(f"{file}: no arm {shortened(unknown[0])!r}; its arms: {has}")
         found = [arm for arm in found if only is None or arm.name in only]
         return cls(command, found, about["question"] or "", about["answer"] or "", judge)
