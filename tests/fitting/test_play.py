@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,6 +61,13 @@ def test_the_motor_keeps_what_is_its_own_and_the_link_is_free_within_the_gap(ang
     for field in ("range", "armature", "damping"):
         np.testing.assert_allclose(getattr(model.joint("b"), field), getattr(before.joint("b"), field), rtol=1e-5)
     assert [model.actuator(k).trnid[0] for k in range(2)] == [model.joint(name).id for name in ("a", "b")]
+
+
+def test_what_mujoco_says_of_the_file_is_not_said_again(arm: Path) -> None:
+    arm.write_text(ARM.replace("<compiler", '<compiler settotalmass="3"'))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert "b_play" in played_file(arm, {"b": GAP})
 
 
 def test_a_fit_may_move_the_gap_and_nothing_else_of_a_play(arm: Path) -> None:

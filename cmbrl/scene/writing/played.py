@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import os
+import warnings
 from collections.abc import Mapping, Sequence
 
 import mujoco
@@ -30,7 +31,8 @@ def played_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]
     """
     if compile_robot(path).notes:
         raise UserError(f"{path}: is a URDF: make an MJCF of it by `cmbrl convert`, and give that play")
-    with quiet():
+    with quiet(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # MuJoCo's on the file, which the scene has told
         try:
             spec = mujoco.MjSpec.from_file(str(path))
             for name, gap in _meant(joints, [joint.name for joint in spec.joints if joint.name], str(path)).items():
