@@ -24,11 +24,12 @@ import torch
 
 from cmbrl.accuracy.strata import in_contact, is_moving, smallest_gap, window_strata
 from cmbrl.accuracy.table import Entry, ErrorTable, Horizon
+from cmbrl.accuracy.view import View
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.data.unlogged import unlogged, with_columns
 from cmbrl.errors import UserError
 from cmbrl.models.deviations import deviations
-from cmbrl.models.protocol import Model, failures, reset_failures, rollout, seen
+from cmbrl.models.protocol import Model, failures, reset_failures, rollout
 from cmbrl.models.windows import thinned
 
 if TYPE_CHECKING:
@@ -53,7 +54,7 @@ def compare(
     """Predicts ``data`` with every model (by the name to show) and tabulates the errors defined above.
 
     Args:
-        models, data, scene: models of the scene, and a log of it.
+        models, data, scene: models of the scene, or of its file with play, and a log of it.
         horizons: steps; horizons without a window in the log are left out.
         contact_gap: [m] a row is in contact if a candidate is closer than this before or after it.
         max_windows: horizons above 1 use at most this many windows, evenly spread; one step uses every row.
@@ -77,7 +78,7 @@ def compare(
     kinds = np.array(scene.coordinate_kinds, dtype=object)
     kinds[[joint.vadr for joint in unlogged(data, scene)]] = None
     contact, moving = in_contact(data, scene, contact_gap), is_moving(data, scene)
-    views = {name: seen(model, data) for name, model in models.items()}
+    views = {name: View.of(model, data, scene) for name, model in models.items()}
     starts = {k: thinned(data.windows(k), len(data) if k == 1 else max_windows) for k in sorted(set(horizons))}
     starts = {k: rows for k, rows in starts.items() if len(rows)}
     total = max(1, sum(k * len(rows) for k, rows in starts.items()) * len(models))
@@ -98,10 +99,10 @@ def compare(
                 progress(done / total, f"{name}, {k} steps")
             reset_failures(model)
             began = time.perf_counter()
-            q, v = _predict(model, views[name], rows, k)
+            q, v = _predict(model, views[name].data, rows, k)
             seconds = time.perf_counter() - began
-            error = _error(scene, views[name], rows, q, v)  # (W, k, 2 nv)
-            depth = _depth(scene, q)
+            error = views[name].error(rows, q, v)  # (W, k, 2 nv)
+            depth = _depth(views[name].scene, q)
             for stratum, mask in strata.items():
                 whole = stratum == "all"
                 entries.append(
@@ -129,13 +130,6 @@ def _predict(model: Model, data: Transitions, starts: np.ndarray, horizon: int) 
             q, v = rollout(model, *(torch.as_tensor(a) for a in (data.q[some], data.v[some], controls)))
             parts.append((q.numpy(), v.numpy()))
     return np.concatenate([q for q, _ in parts]), np.concatenate([v for _, v in parts])
-
-
-def _error(scene: Scene, data: Transitions, starts: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Errors (W, k, 2 nv) of predicted states (W, k, .)."""
-    rows = starts[:, None] + np.arange(q.shape[1])
-    with np.errstate(all="ignore"):
-        return np.concatenate([scene.difference(data.q_next[rows], q), v - data.v_next[rows]], axis=-1)
 
 
 def _depth(scene: Scene, q: np.ndarray) -> np.ndarray:

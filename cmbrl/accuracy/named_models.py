@@ -9,8 +9,10 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cmbrl.accuracy.view import scene_of
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
+from cmbrl.models.carried import is_without_play
 from cmbrl.models.source import Source, load_source
 from cmbrl.registry import is_task, load_task
 
@@ -33,11 +35,11 @@ def common_source(
     contact_law: str | None = None,
     self_contact: str = "near",
 ) -> Source:
-    """The scene to compare in: ``scene``, or that of the first fit among ``words``.
+    """The scene to compare in: ``scene``, or that of the first fit among ``words``, without play that the fit added.
 
     Raises UserError on a word that is neither built in nor the folder of a model, and when there is no scene.
     """
-    from cmbrl.models.named import check_name, holds_fit, load_complementarity
+    from cmbrl.models.named import check_name, holds_fit, in_own_file, load_complementarity
 
     for word in words:
         if not _is_file(word):
@@ -46,7 +48,7 @@ def common_source(
         return load_source(scene, ignore, contact_law, self_contact)
     for word in words:
         if holds_fit(word):
-            fitted = load_complementarity(word)
+            fitted = in_own_file(load_complementarity(word), word)
             return Source(word, fitted.scene, task=_task_of(word), fitted=fitted)
     raise UserError("no scene: give --scene SCENE|TASK, or name the folder of a fit among the models")
 
@@ -162,7 +164,7 @@ def _loaded(folder: str, scene: Scene, data: Transitions, threads: int) -> Model
 
     model = saved_model(folder, threads=threads)
     have, need = ((s.nq, s.nv, s.nu) for s in (model.coordinates, scene))
-    if have != need:
+    if have != need and not ((own := scene_of(model)) and is_without_play(scene, own)):
         raise UserError(
             f"{folder}: model of another robot: nq, nv, nu are {have}, of scene {scene.name!r} {need}; compare it by a "
             "command of its own"

@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from cmbrl.accuracy.view import View
 from cmbrl.errors import UserError
-from cmbrl.models.protocol import Model, rollout, seen
+from cmbrl.models.protocol import Model, rollout
 from cmbrl.table import Cell, Table
 
 if TYPE_CHECKING:
@@ -118,10 +119,11 @@ def simulate(
     for done, (name, model) in enumerate(models.items()):
         if progress is not None:
             progress(done / len(models), name)
-        log = seen(model, data)  # of whole episodes: late commands are those of before a new start
-        log = log if restart is None else _restarted(log, restart)
-        parts = [_drift(model, log.select(log.episode == e), scene) for e in np.unique(log.episode)]
-        errors[name], *others = (np.concatenate(found)[:, columns] for found in zip(*parts, strict=True))
+        view = View.of(model, data, scene)  # of whole episodes: late commands are those of before a new start
+        log = view.data if restart is None else _restarted(view.data, restart)
+        parts = [_drift(model, log.select(log.episode == e), view.scene) for e in np.unique(log.episode)]
+        compared = view.told[columns]
+        errors[name], *others = (np.concatenate(found)[:, compared] for found in zip(*parts, strict=True))
         with np.errstate(all="ignore"):
             astray[name] = float(np.max([np.abs(other - errors[name])[judged].mean() for other in others]))
     names = tuple(scene.coordinate_names[k] for k in columns)

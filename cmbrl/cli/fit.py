@@ -6,7 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -101,6 +101,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="take about S seconds: less work in every part of a fit that would take longer (default: 250 s of a core)",
     )
+    parser.add_argument(
+        "--no-play",
+        action="store_true",
+        help="fit the file alone where residuals look like play between motors and links; default: fit it with play, "
+        "too, in the time that is left, and take what predicts unseen seconds better",
+    )
     parser.add_argument("--resume", action="store_true", help="continue the fit in DIR")
     add_scene_options(parser)
     add_threads(parser)
@@ -117,7 +123,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_folder(out, "fit", any((out / name).exists() for name in ("state.json", RESULT)), arguments.resume)
     start = start_values(source.scene, dict(arguments.set))
 
-    from cmbrl.fitting import FitResult, fit  # imports torch: only now, so that an error above shows at once
+    # imports torch: only now, so that an error above shows at once
+    from cmbrl.fitting import FitResult, fit, fit_or_played, keep
 
     model = source.model(
         next(iter(data.values())),
@@ -136,7 +143,8 @@ def run(arguments: argparse.Namespace) -> int:
             write_configuration()
             show(done, text)
 
-        result = fit(
+        search = fit if arguments.no_play else partial(fit_or_played, within_limit=True)
+        result = search(
             model,
             data,
             seed=arguments.seed,
@@ -148,7 +156,7 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
             time_limit=arguments.time_limit,
         )
-    saved = FitResult.load(result.save(out, task=source.task.name if source.task else None))
+    saved = FitResult.load(keep(result, model.scene, out, source.task.name if source.task else None))
     print(json.dumps(read_record(out / RESULT, "fit again"), indent=2) if arguments.json else saved.report_text())
     if result.report["stopped"] == "interrupted":
         print(f"cmbrl: interrupted: the best fit so far is in {out}; continue it with --resume", file=sys.stderr)

@@ -10,6 +10,7 @@
              call for; both rest on ``trials``, fits of some parameters. ``unexplained``: what residuals say of play
              (``play_shown``) and of time steps (``finer_steps``)
 ``outcome``  intervals (``identify``), what it is worth (``verdict``), and the report, as text and as a page
+``played``   the same of the file with play between motors and links, where residuals show it
 ``result``   what a fit returns, and the folder that stores it; ``learn_residual``: a small net in front of a fit
 
 Imports run one way: search, log, choice, outcome.
@@ -20,6 +21,7 @@ from __future__ import annotations
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.fit import fit
 from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.played import fit_or_played, keep
 from cmbrl.fitting.result import FitResult
 
-__all__ = ["Budget", "FitResult", "FittedParameter", "fit"]
+__all__ = ["Budget", "FitResult", "FittedParameter", "fit", "fit_or_played", "keep"]

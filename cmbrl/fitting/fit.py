@@ -54,6 +54,7 @@ def fit(
     folder: str | os.PathLike[str] | None = None,
     progress: Callable[[float, str], None] | None = None,
     time_limit: float | None = None,
+    begun: Clock | None = None,
 ) -> FitResult:
     """Fits the physical parameters of ``model`` to ``data``.
 
@@ -81,13 +82,14 @@ def fit(
         time_limit: seconds that the fit may take. Where they are too few, every part of it does less (``pace``), and
             one that takes too long ends with the best so far. ``report["pace"]`` and ``report["stopped"]`` record it.
             None: 250 s of processor time, which only robots that step slowly come near.
+        begun: when the time that is limited began; default: now.
 
     Raises:
         UserError: for a log of another robot or time step, a position log of a wrong rate (``rate``),
             columns of the wrong sign, unit or place (``columns``),
             unknown names, parameters outside their bounds, or a folder that cannot be used.
     """
-    started = Clock.now()
+    started = begun or Clock.now()
     one_of(method, METHODS, "method")
     if method == "cma":
         require_library()

@@ -1,39 +1,87 @@
 """A fit of the file, or of the file with play where residuals show it: whichever predicts unseen episodes better.
 
-A fit names play between motors and links, and leaves it to its reader to put it into the file. Where nobody reads it,
-as in the loop, both files are fitted. Without play, other numbers make up for it and are wrong: on hidden hoppers with
-backlash the floor rose by 2 cm and friction went to its bound.
+Without play, other numbers make up for it and are wrong: on hidden hoppers with backlash the floor rose by 2 cm and
+friction went to its bound. So the file is fitted with play, too, where the residuals of its fit look like it.
 """
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cmbrl.data.several import Logs
 from cmbrl.errors import UserError
+from cmbrl.files import make_folder
+from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.fit import fit
+from cmbrl.fitting.pace import ALLOWED
 from cmbrl.fitting.result import FitResult
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.writing.played import played_scene
+from cmbrl.scene.scene import Scene
+from cmbrl.scene.writing.played import gaps_of, played_scene
 
-_BETTER = 0.95  #: of the error on unseen episodes, over the horizons that are judged
+BETTER = 0.95  #: of the error on unseen episodes, over the horizons that are judged
+FOLDER, FILE = "with_play", "played.xml"  #: of the second fit's state, and of the file that it fits
+_WORTH = 0.3  # of a limit of time: what has to be left for a second fit
 
 
-def fit_or_played(model: ComplementarityModel, data: Logs, **options: Any) -> FitResult:
-    """``fit(model, data, **options)``, or that of the same file with play, if the first one shows play at some joint.
+def fit_or_played(
+    model: ComplementarityModel,
+    data: Logs,
+    *,
+    folder: str | os.PathLike[str] | None = None,
+    progress: Callable[[float, str], None] | None = None,
+    time_limit: float | None = None,
+    within_limit: bool = False,
+    **options: Any,
+) -> FitResult:
+    """``fit(model, data, ...)``, or that of the same file with play, if the first one shows play at some joint.
 
-    The play is taken if it leaves at most .95 of the error on unseen episodes. Raises what the first ``fit`` raises.
+    The play is taken if it leaves at most .95 of the error on unseen episodes. ``report["with_play"]`` tells which
+    "gaps" were tried, the share of the "error" that they leave, whether they were "taken", and the "seconds" of
+    both fits. Not tried where ``options`` name the groups that may move. ``within_limit``: both fits together take no
+    longer than one may, and the second is left out where little of that remains. A killed pair of fits resumes from
+    ``folder``. Raises what the first ``fit`` raises.
     """
-    found = fit(model, data, **options)
-    if not found.report["gaps"]:
+    begun = Clock.now()
+    found = fit(model, data, folder=folder, progress=progress, time_limit=time_limit, begun=begun, **options)
+    gaps, limit = found.report["gaps"], ALLOWED if time_limit is None else time_limit
+    if not gaps or found.report["stopped"] == "interrupted" or options.get("groups") not in (None, "all"):
         return found
+    spent = begun.busy if time_limit is None else begun.elapsed
+    if within_limit and limit - spent < _WORTH * limit:
+        return found
+
+    def shown(done: float, text: str) -> None:
+        if progress is not None:
+            progress(done, f"with play: {text}")
+
+    inner = None if folder is None else Path(folder) / FOLDER
     try:
-        played = fit(with_play(model, found.report["gaps"]), data, **options)
+        start = with_play(model, gaps)
+        since = begun if within_limit else None
+        played = fit(start, data, folder=inner, progress=shown, time_limit=time_limit, begun=since, **options)
     except UserError:  # such as of a setting that the file with play cannot have
         return found
-    return played if _errors(played, found) < _BETTER else found
+    error = _errors(played, found)
+    taken = error < BETTER
+    chosen = played if taken else found
+    told = {"gaps": gaps, "error": error if np.isfinite(error) else None, "taken": taken, "seconds": begun.elapsed}
+    stopped = played.report["stopped"] if played.report["stopped"] == "interrupted" else chosen.report["stopped"]
+    return replace(chosen, report={**chosen.report, "with_play": told, "stopped": stopped})
+
+
+def keep(found: FitResult, scene: Scene, folder: str | os.PathLike[str], task: str | None = None) -> Path:
+    """Saves ``found``, of the file of ``scene``, in ``folder``; with the file with play, if the fit added some."""
+    if found.model.scene.nq == scene.nq:
+        return found.save(folder, task)
+    played = played_scene(scene, gaps_of(found.model.scene), make_folder(folder) / FILE)
+    return replace(found, model=found.model.with_settings(scene=played)).save(folder, task, scene.path)
 
 
 def with_play(model: ComplementarityModel, gaps: dict[str, float]) -> ComplementarityModel:

@@ -39,11 +39,17 @@ class FitResult:
     report: dict[str, Any]
     unseen: Unseen | None = None
 
-    def save(self, folder: str | os.PathLike[str], task: str | None = None) -> Path:
+    def save(
+        self,
+        folder: str | os.PathLike[str],
+        task: str | None = None,
+        without_play: str | os.PathLike[str] | None = None,
+    ) -> Path:
         """Writes fit.json (parameters and report), model.json (scene and settings), report.txt, page.html, fitted.xml.
 
         fitted.xml is the scene's file with the fitted values; the report names what it cannot hold.
-        ``task``: the name of the task whose scene was fitted. Raises UserError if the folder cannot be written, or the
+        ``task``: the name of the task whose scene was fitted. ``without_play``: the robot's file, where the scene is of
+        one to which the fit added play. Raises UserError if the folder cannot be written, or the
         result is not finite, or the scene was not read from a file; then the files there stay as they are.
         """
         from cmbrl.fitting.outcome.page.page import page_text  # imports matplotlib: only now
@@ -71,7 +77,14 @@ class FitResult:
         try:
             texts = {  # fit.json appears last: a fit is whole once it is there
                 RESULT: record_text({"format": _FORMAT, "parameters": parameters, "report": report}),
-                SETTINGS: record_text({"scene": source, "task": task, "settings": self.model.to_config()}),
+                SETTINGS: record_text(
+                    {
+                        "scene": source,
+                        "task": task,
+                        "without_play": without_play and str(Path(without_play).resolve()),
+                        "settings": self.model.to_config(),
+                    }
+                ),
                 "report.txt": text,
             }
         except ValueError:

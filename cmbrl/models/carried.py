@@ -36,7 +36,7 @@ def fit_for(fit: ComplementarityModel, nominal: ComplementarityModel, label: str
     """
     scene, own = nominal.scene, fit.scene
     _check_robot(own, scene, label)
-    if _is_without_play(scene, own):
+    if is_without_play(scene, own):
         warnings.warn(
             f"{label}: {scene.name} has no play: the fit's gaps are left out, its other numbers kept", stacklevel=2
         )
@@ -84,7 +84,7 @@ def _between(fit: ComplementarityModel, model: ComplementarityModel) -> np.ndarr
     return np.column_stack(columns)
 
 
-def _is_without_play(scene: Scene, own: Scene) -> bool:
+def is_without_play(scene: Scene, own: Scene) -> bool:
     """Whether ``scene`` is that of a file to which play was added in ``own``."""
     gaps = {joint.name for joint in plays(own.joints)}
     same = [name for name in own.joint_names if name not in gaps] == list(scene.joint_names)

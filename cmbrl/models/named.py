@@ -140,6 +140,19 @@ def task_of_fit(folder: str | os.PathLike[str]) -> str | None:
     return found
 
 
+def in_own_file(fit: ComplementarityModel, folder: str | os.PathLike[str]) -> ComplementarityModel:
+    """``fit``, that of ``folder``, without play that was added to its robot's file (``FitResult.save``)."""
+    from cmbrl.models.carried import without_play
+    from cmbrl.scene import Scene
+
+    file = read_record(Path(folder) / SETTINGS, _REMEDY).get("without_play")
+    if file is None:
+        return fit
+    s = fit.scene
+    scene = Scene.from_mjcf(file, s.ignore, s.contact_law, s.reduce, s.self_contact, s.drives)
+    return without_play(fit, scene)
+
+
 def load_complementarity(folder: str | os.PathLike[str]) -> ComplementarityModel:
     """The model of the fit in ``folder``.
 

@@ -25,11 +25,10 @@ from cmbrl.envs.recording import Recording
 from cmbrl.envs.trials import LAWS, failed, stands, trials
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
-from cmbrl.fitting.played import fit_or_played
+from cmbrl.fitting.played import fit_or_played, keep
 from cmbrl.mdp import MDP
 from cmbrl.models.carried import without_play
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.writing.played import gaps_of, played_scene
 from cmbrl.system import SystemFactory
 from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.shac import SHAC
@@ -229,11 +228,7 @@ class Loop(Trainer):
         """Writes the last fit to ``folder``/fit, as `cmbrl fit` does, to be inspected, compared and trained on."""
         if self.fitted is None:
             return
-        fitted = self.fitted
-        if fitted.model.scene.nq > self.nominal.scene.nq:  # of a file with play, which a saved fit names
-            scene = played_scene(self.nominal.scene, gaps_of(fitted.model.scene), folder / "played.xml")
-            fitted = replace(fitted, model=fitted.model.with_settings(scene=scene))
-        fitted.save(folder / "fit")
+        keep(self.fitted, self.nominal.scene, folder / "fit")
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on, except the given log."""

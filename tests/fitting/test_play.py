@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -11,16 +12,18 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.accuracy.compare import compare
 from cmbrl.cli.main import main
 from cmbrl.contact import Barrier, Exact
 from cmbrl.contact.smoothing import Smoothing
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.several import together
+from cmbrl.data.transitions import Transitions
 from cmbrl.data.unlogged import unlogged, with_columns
 from cmbrl.errors import UserError
 from cmbrl.fitting.choice.play_shown import gaps_to_try
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.fitting.played import fit_or_played
+from cmbrl.fitting.played import BETTER, fit_or_played, keep, with_play
 from cmbrl.fitting.result import FitResult
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.step_settings import INTEGRATORS
@@ -171,15 +174,77 @@ def test_play_is_taken_where_unseen_episodes_call_for_it(
             raise UserError("no fit of this file")
         gaps = {} if errors[1] is None or len(fits) > 1 else {"a": GAP}
         rows = [{"steps": steps, "rmse": {"fitted": errors[len(fits) - 1]}} for steps in (1, 5)]
-        return FitResult(model, {}, {"gaps": gaps, "horizons": rows})
+        about = {"stopped": None, "seconds": {"total": 1.0}}
+        return FitResult(model, {}, {"gaps": gaps, "horizons": rows, **about})
 
     monkeypatch.setattr("cmbrl.fitting.played.fit", told)
     model = like_mujoco(Scene.from_mjcf(arm)).with_settings(observation={"delay.command": 0.01})
     found = fit_or_played(model, None, seed=7)  # type: ignore[arg-type]
     assert gaps_of(found.model.scene) == pytest.approx(taken)
-    assert fits == [{"seed": 7}] * (1 if errors[1] is None else 2)
+    assert [options["seed"] for options in fits] == [7] * (1 if errors[1] is None else 2)
+    assert found.report.get("with_play", {}).get("taken", False) == bool(taken)
     assert found.model.observation == model.observation
     assert found.model.dt == model.dt
+
+
+def test_a_fit_with_play_of_its_own_is_compared_on_the_file_of_the_robot(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, _ = recorded(played_file(arm, {"a": GAP, "b": GAP}), 400)
+    log = replace(log, episode=np.arange(len(log)) // 100)
+    log.save(tmp_path / "log.npz")
+    scene = Scene.from_mjcf(arm)
+    model = like_mujoco(scene)
+    alone = cmbrl.fit(model, log, groups=["armature"], horizon=4, holdout=0.0)
+    found = cmbrl.fit(with_play(model, {"a": 0.6 * GAP, "b": GAP}), log, groups=["play"], horizon=4, holdout=0.0)
+    for name, each in (("with", found), ("without", alone)):
+        assert keep(each, scene, tmp_path / name) == tmp_path / name
+    assert (tmp_path / "with" / "played.xml").is_file()
+    words = [str(tmp_path / name) for name in ("with", "without")]
+    for given in (words, words[::-1], [*words, "--scene", str(arm)]):
+        assert main(["error", "nominal", *given, "--data", str(tmp_path / "log.npz"), "--json"]) == 0
+        rows = json.loads(capsys.readouterr().out)["entries"]
+        error = {row["model"]: row["error"] for row in rows if (row["horizon"], row["stratum"]) == (5, "all")}
+        assert error["with"] < 0.5 * error["without"] < error["nominal"]
+        assert error["nominal"] == pytest.approx(_error_of_file(model, log), rel=0.02)  # without play
+    assert (
+        main(["error", *words, "--data", str(tmp_path / "log.npz"), "--open-loop", "--restart", "0.5", "--json"]) == 0
+    )
+    of = {
+        name: each["mean_absolute_position_error"]
+        for name, each in json.loads(capsys.readouterr().out)["models"].items()
+    }
+    assert of["with"] < 0.5 * of["without"]
+
+
+def _error_of_file(model: ComplementarityModel, log: Transitions) -> float:
+    table = compare({"file": model.with_settings(sliding="coulomb")}, log, model.scene, (5,))
+    return next(entry.error for entry in table.entries if entry.stratum == "all")
+
+
+@pytest.mark.slow
+def test_a_fit_by_the_command_has_play_where_the_log_shows_it(
+    arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It resumes; ``--no-play`` and named groups fit the file alone."""
+    log, _ = recorded(played_file(arm, {"a": GAP, "b": 0.5 * GAP}), 800)
+    replace(log, episode=np.arange(len(log)) // 100).save(tmp_path / "log.npz")
+    start = ["fit", str(arm), "--data", str(tmp_path / "log.npz"), "--threads", "2", "--all-parameters"]
+    assert main([*start, "--horizon", "8", "--out", str(tmp_path / "fit")]) == 0
+    told = " ".join(capsys.readouterr().out.split())
+    assert "So it was fitted with play at a, b, too (" in told
+    kept = FitResult.load(tmp_path / "fit")
+    assert kept.parameters["play.a"].value == pytest.approx(GAP, rel=0.15)
+    assert kept.report["with_play"]["taken"]
+    assert kept.report["with_play"]["error"] < BETTER
+    (tmp_path / "fit" / "fit.json").unlink()
+    assert main([*start, "--horizon", "8", "--out", str(tmp_path / "fit"), "--resume"]) == 0
+    assert FitResult.load(tmp_path / "fit").parameters == kept.parameters
+    for alone, options in (("no", ["--no-play"]), ("named", ["--groups", "armature"])):
+        command = [each for each in start if each != "--all-parameters" or alone == "no"]
+        assert main([*command, "--horizon", "8", "--out", str(tmp_path / alone), *options]) == 0
+        assert not gaps_of(FitResult.load(tmp_path / alone).model.scene)
+        assert "cmbrl convert FILE.xml" in capsys.readouterr().out
 
 
 def test_once_play_shows_at_one_joint_it_is_tried_at_all_that_may_have_it(arm: Path) -> None:

@@ -157,14 +157,29 @@ def gaps_to_try(scene: Scene, shown: Sequence[Mapping[str, Any]]) -> dict[str, f
 
 def shown_told(report: Mapping[str, Any]) -> str | None:
     """One line on play that residuals show, with the commands that try it; else None."""
-    found = report.get("play")
+    found, tried = report.get("play"), report.get("with_play")
+    if tried and tried["taken"]:
+        return (
+            "Residuals of a fit of the file showed play between motor and link. So it was fitted with play at "
+            f"{', '.join(tried['gaps'])}, too ({tried['seconds']:.0f} s for both). That leaves {tried['error']:.2g} of "
+            "the error on unseen seconds, and is the fit given here; --no-play fits the file alone."
+        )
     if not found:
         return None
     gaps = report.get("gaps") or {each["joint"]: each["gap"] for each in found}
-    options = " ".join(f"--play {name}={gap:g}" for name, gap in gaps.items())
     names, share = " and ".join(each["joint"] for each in found), 100.0 * found[0]["explains"]
-    return (
+    shown = (
         f"What this fit leaves looks like play between motor and link at {names} ({share:.0f} % of the squares of its "
-        f"errors). Put it into the file at all joints with rotors by `cmbrl convert FILE.xml played.xml {options}`, "
+        "errors)."
+    )
+    if tried:
+        left = "no finite error" if tried["error"] is None else f"{tried['error']:.2g} of the error"
+        return (
+            f"{shown} With play at all joints with rotors a fit leaves {left} on "
+            "unseen seconds, so that it was not taken."
+        )
+    options = " ".join(f"--play {name}={gap:g}" for name, gap in gaps.items())
+    return (
+        f"{shown} Put it into the file at all joints with rotors by `cmbrl convert FILE.xml played.xml {options}`, "
         "fit played.xml to the same log, and compare both by `cmbrl error`; where there is none, the gap closes."
     )
