@@ -76,6 +76,7 @@ def test_groups_are_the_policies_own() -> None:
     assert not np.allclose(both[1].gradients, swapped[1].gradients)
 
 
+@pytest.mark.slow
 def test_known_scene_is_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, Figure] = {}
     monkeypatch.setattr(known_plots, "save", lambda figure, path: drawn.setdefault(path.name, figure))
@@ -95,6 +96,7 @@ def test_known_scene_is_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pyt
     assert "the Gaussian schedule learns best" in section.text
 
 
+@pytest.mark.slow
 def test_horizons_are_drawn_as_the_tables_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn: dict[str, Figure] = {}
     monkeypatch.setattr(horizon_plots, "save", lambda figure, path: drawn.setdefault(path.name, figure))

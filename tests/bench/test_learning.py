@@ -211,6 +211,7 @@ def test_every_arm_has_a_style() -> None:
     assert set(plots.STYLES) == set(ARMS)
 
 
+@pytest.mark.slow
 def test_study_runs_and_resumes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study, "ARMS", {name: arm for name, arm in ARMS.items() if not arm.learns})
     monkeypatch.setattr(study, "QUICK_TESTS", {"test_rows": 100, "lasting_rows": 4000})

@@ -35,6 +35,7 @@ def drawn(monkeypatch):
     return found
 
 
+@pytest.mark.slow
 def test_quick_study_has_a_run_of_each_method_and_computes_none_twice(tmp_path, monkeypatch, drawn):
     pytest.importorskip("stable_baselines3")
     monkeypatch.setattr(mission, "QUICK", SMALL)

@@ -75,6 +75,7 @@ def test_pictures_of_bundles_show_the_largest() -> None:
     assert [line.get_ydata()[0] for line in every if line.get_marker() == "D"] == [0.5, 0.3]
 
 
+@pytest.mark.slow
 def test_study(tmp_path: Path) -> None:
     settings, runner = Settings(quick=True, scenes=("push impact",)), Runner(tmp_path / "cells")
     STUDY.run(tmp_path, settings, runner).write(tmp_path)

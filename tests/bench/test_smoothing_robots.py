@@ -77,6 +77,7 @@ def test_a_policy_that_is_lost_counts_as_the_worst() -> None:
     np.testing.assert_array_equal(returns({"returns": [[1.0, 2.0], [5.0, np.nan]]}), [5.0, 1.0])
 
 
+@pytest.mark.slow
 def test_the_study_draws_every_seed_and_goes_on_from_what_it_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

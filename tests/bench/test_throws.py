@@ -68,6 +68,7 @@ def test_descent_by_the_hard_derivative_comes_nearer(slide: Range) -> None:
     assert distances[-1, 0] < 0.5 * distances[0, 0]
 
 
+@pytest.mark.slow
 def test_a_fit_finds_the_friction_that_ten_throws_show() -> None:
     (found,) = fits("ball_slide", (10,), draws=4, seed=0)
     names = [p.name for p in hard_model("ball_slide").scene.parameters]
@@ -95,6 +96,7 @@ def test_claims_are_judged_by_share_then_median() -> None:
     assert "'BS beats FOPG' repeats in 1 of 1 scenes" in verdict(cells)
 
 
+@pytest.mark.slow
 def test_the_study_draws_and_goes_on_from_what_it_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = {}
     monkeypatch.setattr(plots, "save", lambda figure, path: drawn.setdefault(path.name, figure))

@@ -41,6 +41,7 @@ def _check(name: str, kills: int, seed: int, place: Path) -> None:
     assert name.startswith("record") or not left, left
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_to_the_same_bits(tmp_path: Path) -> None:
     _check("fit quick", 1, 1, tmp_path)
 

@@ -67,6 +67,7 @@ def test_another_file_is_refused(tmp_path):
         write_scene(str(file), tmp_path / "real.xml")
 
 
+@pytest.mark.slow
 def test_a_fit_finds_the_changes_and_divides_the_error_by_ten():
     log, held_out = TASK.record(2000, seed=0), TASK.record(1000, seed=1)
     model = nominal_model(TASK)

@@ -144,6 +144,7 @@ def test_command(fakes: dict[str, str], tmp_path: Path, capsys: pytest.CaptureFi
     assert "a study whose process dies" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_one_line_and_goes_on(command, tmp_path: Path) -> None:
     typed = ["bench", "robustness", "--quick", "--scene", "hopper", "--out", "out"]
     running = subprocess.Popen([sys.executable, "-m", "cmbrl", *typed], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
