@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -44,6 +45,24 @@ def test_play_that_the_file_lacks_is_named_with_the_command_that_tries_it(tmp_pa
     assert play["explains"] > 0.3
     gap = f"{play['gap']:g}"
     assert f"convert FILE.xml played.xml --play a={gap} --play b={gap}`" in " ".join(found.report_text().split())
+
+
+@pytest.mark.parametrize(
+    ("tried", "told"),
+    [
+        (None, "convert FILE.xml played.xml --play a=0.02 --play b=0.02`"),
+        ({"taken": False, "error": 0.97}, "leaves 0.97 of the error on unseen seconds, so that it was not taken."),
+        ({"taken": False, "error": None}, "leaves no finite error on unseen seconds, so that it was not taken."),
+        ({"taken": True, "error": 0.13}, "So it was fitted with play at a, b, too (9 s for both). That leaves 0.13 of"),
+    ],
+)
+def test_a_report_tells_what_came_of_play(tried: dict[str, Any] | None, told: str) -> None:
+    gaps = {"a": 0.02, "b": 0.02}
+    report = {"play": [{"joint": "a", "gap": 0.02, "explains": 0.4}], "gaps": gaps}
+    text = shown_told(report if tried is None else {**report, "with_play": {"gaps": gaps, "seconds": 9.0, **tried}})
+    assert text is not None
+    assert told in text
+    assert ("--no-play" in text) == bool(tried and tried["taken"])
 
 
 def test_nothing_is_said_of_play_where_there_is_none(tmp_path: Path) -> None:

@@ -156,7 +156,7 @@ def gaps_to_try(scene: Scene, shown: Sequence[Mapping[str, Any]]) -> dict[str, f
 
 
 def shown_told(report: Mapping[str, Any]) -> str | None:
-    """One line on play that residuals show, with the commands that try it; else None."""
+    """One line on play that residuals show: what a fit with it gave, or the commands that try it; else None."""
     found, tried = report.get("play"), report.get("with_play")
     if tried and tried["taken"]:
         return (
@@ -175,8 +175,8 @@ def shown_told(report: Mapping[str, Any]) -> str | None:
     if tried:
         left = "no finite error" if tried["error"] is None else f"{tried['error']:.2g} of the error"
         return (
-            f"{shown} With play at all joints with rotors a fit leaves {left} on "
-            "unseen seconds, so that it was not taken."
+            f"{shown} With play at all joints with rotors a fit leaves {left} on unseen seconds, so that it was not "
+            "taken."
         )
     options = " ".join(f"--play {name}={gap:g}" for name, gap in gaps.items())
     return (
