@@ -8,6 +8,7 @@ import numpy as np
 
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
+from cmbrl.scene.fittable.play import plays
 
 TONES = 5
 RAMP = 1.0  # [s] from the start to the full command
@@ -58,11 +59,11 @@ class Ranges:
 
 
 def joint_limits(scene: Scene) -> np.ndarray:
-    """Limits (nv, 2) of the coordinates; infinite where there are none."""
+    """Limits (nv, 2) of the coordinates; infinite where there are none, and of plays, which lie at their ends."""
     limits = np.tile([-np.inf, np.inf], (scene.nv, 1))
-    core = scene.core
+    core, hidden = scene.core, {joint.vadr for joint in plays(scene.joints)}
     for line, ball, low, high in zip(core.lim_line, core.lim_ball, core.lim_lo, core.lim_hi, strict=True):
-        if line < scene.nv and ball < 0:
+        if line < scene.nv and ball < 0 and line not in hidden:
             limits[line] = low, high
     return limits
 

@@ -27,10 +27,12 @@ from cmbrl.fitting.search.loss import ALIKE
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales
 from cmbrl.models.wiring import Robots
+from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind
 
 POPULATION, KEPT = 16, 4
 NOISE_Q, NOISE_V = 1e-3, 1e-2  # [rad, m], [rad/s, m/s]: what a model does not explain of a good log
+NOTHING = -np.inf  # [nats]
 CLEAR = 5e-3  # [m] of what does not touch at the start
 
 
@@ -97,15 +99,17 @@ def excite(
         kept = np.flatnonzero(_safe(model, *_simulate(model, q, commands), margin))
         safe += len(kept)
         told = np.array([_gain(model, q, commands[i], bool(ranges.servo.all())) for i in kept])
+        kept, told = kept[told > NOTHING], told[told > NOTHING]
         if not first:
             first = told.tolist()
         best, gains = _joined(best, drawn.pick(kept)), np.concatenate([gains, told])
         order = np.argsort(-gains)[:KEPT]
         best, gains = best.pick(order), gains[order]
     if not len(gains):
+        of_all = f"of {rounds * POPULATION} commands"
+        fault = f"{safe} {of_all} are safe, but a fit would refuse their logs" if safe else f"none {of_all} is safe"
         raise UserError(
-            f"{scene.name}: none of {rounds * POPULATION} commands is safe from this start; give another start, slower "
-            "commands, or a smaller margin"
+            f"{scene.name}: {fault} from this start; give another start, slower commands, or a smaller margin"
         )
     commands = best.commands(ranges, time)[0]
     motion = _simulate(model, q, commands[None])[0][0]
@@ -144,23 +148,31 @@ def _safe(model: ComplementarityModel, motion: np.ndarray, velocity: np.ndarray,
 
 
 def _gain(model: ComplementarityModel, q: np.ndarray, commands: np.ndarray, servo: bool) -> float:
-    """Expected gain [nats] of a log of these commands (T, nu): of encoders behind servos, otherwise of full states."""
+    """Expected gain [nats] of a log of these commands (T, nu): of encoders behind servos, otherwise of full states.
+
+    No sensor tells the plays of a file. NOTHING for a log that would be refused.
+    """
     (motion,), (velocity,) = _simulate(model, q, commands[None])
     scene, time = model.scene, model.dt * np.arange(len(commands))
+    hidden = plays(scene.joints)
+    motion[:, [joint.qadr for joint in hidden]] = velocity[:, [joint.vadr for joint in hidden]] = 0.0
     data: Transitions | PositionLog
     if servo:
-        named = [scene.joint_names.index(j.name) for j in sorted(scene.joints, key=lambda j: j.qadr)]
+        sensed = sorted((j for j in scene.joints if j not in hidden), key=lambda j: j.qadr)
         targets = commands / [law_of(scene, actuator)[1] for actuator in range(scene.nu)]
         data = PositionLog(
-            time=time, position=motion, command=targets, joint_names=tuple(scene.joint_names[k] for k in named),
-            actuator_names=scene.actuator_names,
+            time=time, position=motion[:, [j.qadr for j in sensed]], command=targets,
+            joint_names=tuple(j.name for j in sensed), actuator_names=scene.actuator_names,
         )  # fmt: skip
     else:
         data = Transitions(
             q=motion[:-1], v=velocity[:-1], u=commands[:-1], q_next=motion[1:], v_next=velocity[1:], dt=model.dt,
             episode=np.zeros(len(commands) - 1),
         )  # fmt: skip
-    evidence = Evidence.of(model, data)
+    try:
+        evidence = Evidence.of(model, data)
+    except UserError:  # whose motion looks as if columns were swapped, say
+        return NOTHING
     horizon = min(evidence.horizons("auto"))
     scales = Scales(np.full(scene.nv, NOISE_Q), np.full(scene.nv, np.inf if servo else NOISE_V), huber=1e6)
     loss = evidence.loss(np.arange(0, len(evidence.log) - horizon + 1, horizon), horizon, scales)

@@ -9,9 +9,12 @@ import pytest
 import cmbrl
 from cmbrl.cli import main
 from cmbrl.data.position_log import PositionLog
+from cmbrl.errors import UserError
 from cmbrl.excitation import Excitation, excite
 from cmbrl.fitting import Budget
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.scene import Scene
+from cmbrl.scene.writing.played import played_file
 
 ARM = """
 <mujoco><compiler angle="radian"/><option timestep="0.01" integrator="implicitfast"/>
@@ -96,6 +99,36 @@ def test_command(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     table = np.loadtxt(out, delimiter=",", skiprows=1)
     assert out.read_text().splitlines()[0] == "time,m_hip.commanded_position,m_knee.commanded_position"
     np.testing.assert_allclose(table[0], [0.0, 0.2, -0.3])
+
+
+def test_play_lies_at_its_ends_and_no_sensor_tells_it(arm: Path) -> None:
+    scene = Scene.from_mjcf(played_file(arm, {"hip": 0.02, "knee": 0.02}))
+    found = excite(cmbrl.ComplementarityModel(scene), seconds=2.0, rounds=1)
+    assert found.motion.shape == (200, 4)
+    assert found.gain > 0.0
+    assert found.safe > 0.0
+
+
+@pytest.mark.parametrize("refused", [1, 10**9])
+def test_commands_whose_log_a_fit_would_refuse_count_for_nothing(
+    refused: int, arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked, own = [], Evidence.of
+
+    def of(model: cmbrl.ComplementarityModel, data: PositionLog) -> Evidence:
+        asked.append(data)
+        if len(asked) <= refused:
+            raise UserError("two columns are swapped")
+        return own(model, data)
+
+    monkeypatch.setattr("cmbrl.excitation.search.Evidence.of", of)
+    model = cmbrl.ComplementarityModel(Scene.from_mjcf(arm))
+    if refused > 1:
+        with pytest.raises(UserError, match="of 16 commands are safe, but a fit would refuse their logs"):
+            excite(model, seconds=2.0, rounds=1)
+    else:
+        assert np.isfinite(excite(model, seconds=2.0, rounds=1).random_gain)
+    assert len(asked) > 1
 
 
 @pytest.mark.parametrize(
