@@ -72,8 +72,9 @@ def fit_or_played(
     taken = error < BETTER
     chosen = played if taken else found
     told = {"gaps": gaps, "error": error if np.isfinite(error) else None, "taken": taken, "seconds": begun.elapsed}
-    stopped = played.report["stopped"] if played.report["stopped"] == "interrupted" else chosen.report["stopped"]
-    return replace(chosen, report={**chosen.report, "with_play": told, "stopped": stopped})
+    if played.report["stopped"] == "interrupted" and not taken:  # it may be taken yet
+        return replace(found, report={**found.report, "stopped": "interrupted"})
+    return replace(chosen, report={**chosen.report, "with_play": told})
 
 
 def keep(found: FitResult, scene: Scene, folder: str | os.PathLike[str], task: str | None = None) -> Path:

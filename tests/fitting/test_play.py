@@ -187,6 +187,27 @@ def test_play_is_taken_where_unseen_episodes_call_for_it(
     assert found.model.dt == model.dt
 
 
+@pytest.mark.parametrize(("error", "taken"), [(0.2, True), (0.49, False)])
+def test_an_interrupted_fit_with_play_is_told(
+    error: float, taken: bool, arm: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it is not taken, nothing is said of what it leaves: it may be taken once it has gone on."""
+    begun: list[object] = []
+
+    def told(model: ComplementarityModel, log: object, **options: object) -> FitResult:
+        begun.append(options["folder"])
+        first = len(begun) == 1
+        rows = [{"steps": 1, "rmse": {"fitted": 0.5 if first else error}}]
+        about = {"stopped": None if first else "interrupted", "seconds": {"total": 1.0}}
+        return FitResult(model, {}, {"gaps": {"a": GAP} if first else {}, "horizons": rows, **about})
+
+    monkeypatch.setattr("cmbrl.fitting.played.fit", told)
+    found = fit_or_played(like_mujoco(Scene.from_mjcf(arm)), None, folder=arm.parent)  # type: ignore[arg-type]
+    assert begun == [arm.parent, arm.parent / "with_play"]
+    assert found.report["stopped"] == "interrupted"
+    assert ("with_play" in found.report) == bool(gaps_of(found.model.scene)) == taken
+
+
 def test_a_fit_with_play_of_its_own_is_compared_on_the_file_of_the_robot(
     arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
