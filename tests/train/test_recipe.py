@@ -70,12 +70,9 @@ def test_bundled_tasks_have_the_settings_that_they_were_tuned_with() -> None:
         fopg = configure("fopg", task)
         assert (fopg.steps(mdp), fopg.discount) == (32, 0.99), name
         assert min(fopg.episode_steps, mdp.episode_steps) == mdp.episode_steps
-    assert (configure("loop", load_task("hopper")).iterations, configure("loop", load_task("hopper")).trial) == (
-        6000,
-        1,
-    )
-    loop = configure("loop", load_task("cheetah"))
-    assert (loop.iterations, loop.trial, loop.environments) == (1875, 0.25, 256)
+    hopper, loop = (configure("loop", load_task(name)) for name in ("hopper", "cheetah"))
+    assert (hopper.iterations, hopper.trial) == (6000, 1)
+    assert (loop.iterations, loop.trial, loop.environments) == (3000, 1, 256)
     assert loop.noise_angular == configure("shac", load_task("cheetah")).noise_angular
     mbpo = {name: configure("mbpo", load_task(name)) for name in ("hopper", "cheetah", "cheetah_dojo", "ball_over")}
     assert {n: (c.length_end, c.target_entropy) for n, c in mbpo.items()} == {
