@@ -190,6 +190,8 @@ def run(arguments: argparse.Namespace) -> int:
             )
         if trainer.kept is not None:
             print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
+        for place, remark in trainer.remarks.items():
+            print(f"{out / place}: {remark}")
         if trainer.gradients:
             print(f"{out}: {trainer.gradients}")
         if outcome.failed_trials:

@@ -25,6 +25,7 @@ from cmbrl.envs.recording import Recording
 from cmbrl.envs.trials import LAWS, failed, stands, trials
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
+from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.played import fit_or_played, keep
 from cmbrl.mdp import MDP
 from cmbrl.models.carried import without_play
@@ -71,6 +72,7 @@ class Loop(Trainer):
         self.file_updates = round(config.on_file * (self.trial_updates or self.settings.iterations))
         self.model: ComplementarityModel | None = None
         self.fitted: FitResult | None = None  # by this process; an earlier one is in the run folder
+        self.verdict = ""  # of the last fit, by whichever process
         self._begin(model, seed)  # its policy acts before the first fit
 
     def update(self) -> dict[str, float]:
@@ -120,6 +122,7 @@ class Loop(Trainer):
         start = self.nominal.with_settings(backward_smoothing=self.nominal.smoothing)
         fitting = fit_or_played if self.config.play else fit
         self.fitted = fitting(start, Transitions.joined(logs), seed=self.seed + self.round, groups="all")
+        self.verdict = first_line(self.fitted.report)
         fitted = self.fitted.uncertain_model(self.config.draws, self.seed)
         if fitted.scene.nq > self.nominal.scene.nq:  # of the file with play
             fitted = without_play(fitted, self.nominal.scene)
@@ -218,6 +221,17 @@ class Loop(Trainer):
         """Of the policy in training."""
         return self.trainer.gradients
 
+    @property
+    def remarks(self) -> dict[str, str]:  # type: ignore[override]
+        """What the fit is worth, and what the policies earned of which one was kept."""
+        told = {"fit": self.verdict} if self.verdict else {}
+        if len(self.tried) < 2:
+            return told
+        earned = ", ".join(f"{one['score']:.4g}" for one in self.tried)
+        when = "at their ends" if self.trial_updates == self.settings.iterations else f"by update {self.trial_updates}"
+        kept = f"of {len(self.tried)} policies the best is kept"
+        return {**told, "": f"{kept}; in the model they earn, {when}, {earned}"}
+
     def failed_trials(self) -> dict[str, float]:
         """Those of the policy in training."""
         found = self.trainer.failed_trials()
@@ -239,6 +253,7 @@ class Loop(Trainer):
             "tried": self.tried,
             "added": self.added,
             "wanted": self.wanted,
+            "verdict": self.verdict,
             "recording": self.recording.state(),
             "generator": self.generator.get_state(),
             "parameters": None if model is None else torch.from_numpy(model.parameters),
@@ -252,7 +267,7 @@ class Loop(Trainer):
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
         self.round, self.before, self.tried = state["round"], state["before"], state["tried"]
-        self.added, self.wanted = state["added"], state["wanted"]
+        self.added, self.wanted, self.verdict = state["added"], state["wanted"], state["verdict"]
         if state["last_actions"] is not None:
             self._observe_actions(state["last_actions"])
         self.recording.restore(state["recording"])

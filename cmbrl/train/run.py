@@ -187,6 +187,8 @@ class TrainingRun:
         result |= {"failed_trials": trials} if trials else {}
         if self.trainer.gradients:
             result["lost_gradients"] = self.trainer.gradients
+        if self.trainer.remarks:
+            result["remarks"] = dict(self.trainer.remarks)
         if self.trainer.earned:
             result["model_return"] = {name: round(x, 3) for name, x in self.trainer.earned.items()}
         known = {name: value if math.isfinite(value) else None for name, value in last.items()}

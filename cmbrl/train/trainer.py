@@ -57,6 +57,7 @@ class Trainer(ABC):
     earned: Mapping[str, float] = MappingProxyType({})  #: in the model alone: see ``cmbrl.envs.trials.unlearned``
     advice: str = ""  #: what its trials say of the task
     kept: int | None = None  #: the update whose policy is kept instead of the last one
+    remarks: Mapping[str, str] = MappingProxyType({})  #: what else it has to say, by the place in its folder
     returns_to: Sequence[Sequence[int]] = ()  #: updates after which it went back, and to which
     simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none
 

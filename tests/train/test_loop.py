@@ -12,6 +12,7 @@ import cmbrl
 from cmbrl.contact.smoothing import Gaussian
 from cmbrl.envs.evaluation import Evaluation
 from cmbrl.errors import UserError
+from cmbrl.files import read_json
 from cmbrl.fitting import FitResult, fit
 from cmbrl.fitting.played import with_play
 from cmbrl.registry import load_task
@@ -248,6 +249,19 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
     chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
+
+
+def test_it_says_what_its_fit_is_worth_and_which_policy_was_kept(make_loop, tmp_path):
+    loop = make_loop(config=replace(SMALL, iterations=4, rounds=1, trial=1.0))
+    assert dict(loop.remarks) == {}
+    TrainingRun(loop, tmp_path, {}).train(4)
+    told = read_json(tmp_path / "train.json")["remarks"]
+    assert (tmp_path / "fit" / "report.txt").read_text().split()[:6] == told["fit"].split()[:6]
+    earned = ", ".join(f"{one['score']:.4g}" for one in loop.tried)
+    assert told[""] == f"of 2 policies the best is kept; in the model they earn, at their ends, {earned}"
+    again = make_loop(config=loop.config)
+    again.restore(loop.state())
+    assert again.remarks == told
 
 
 @pytest.mark.parametrize("trial", [0.0, 1.5, float("nan")])
