@@ -132,6 +132,31 @@ def test_both_fits_go_on_where_they_hardly_differ(
     assert any(asked) == (long is not None)
 
 
+@pytest.mark.parametrize(
+    ("short", "on", "taken"), [(1.9, 0.7, True), (1.3, 1.1, False), (0.5, None, True), (4, None, False)]
+)
+def test_of_positions_a_law_that_lags_goes_on_from_where_the_own_one_led(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, short: float, on: float | None, taken: bool
+) -> None:
+    begins: dict[str, float] = {}
+
+    def score_after(surveyor: Surveyor, _: int, longer: bool = False) -> float:
+        assert not longer
+        begins[surveyor.label] = surveyor.begin[0]
+        error = on if "on, " in surveyor.label else short
+        assert error is not None
+        return float(np.log(error)) if surveyor.label.startswith("mujoco") else 0.0
+
+    monkeypatch.setattr(Surveyor, "score_after", score_after)
+    monkeypatch.setattr(Surveyor, "fitted_to", lambda surveyor, *_: surveyor.begin + 0.25)
+    model, log = log_of(tmp_path)
+    found, told = chosen(model, poses(model, log, 0.0))
+    assert told is not None
+    assert told["taken"] == taken == (found == "convex")
+    first, further = {"mujoco: ": 0.0, "": 0.0}, {"mujoco: on, ": 0.25, "on, ": 0.25}
+    assert begins == (first if on is None else first | further)
+
+
 @pytest.mark.parametrize(("noise", "then"), [(0.0, [4, 4]), (1e-4, [10, 20])])
 def test_fits_of_a_noisy_log_go_on_over_more_steps(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, noise: float, then: list[int]

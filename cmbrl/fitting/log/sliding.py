@@ -3,7 +3,8 @@
 At the file's parameters the wrong law may do as well as the right one, because all else is wrong too; a fit then makes
 up for it with friction and softness that no other log bears. So all laws are fitted first, all parameters by a few
 steps of Gauss-Newton over a few steps, and held-out episodes decide; where they hardly do, the fits go on before, over
-more steps if the log has noise.
+more steps if the log has noise. Of positions they go on where the own law has led: fits under MuJoCo's step, which has
+jumps, learn more slowly, and may lag behind the wrong law from the file on.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 
 _CLEARLY_BETTER = 0.97  # times the error under the own law
 _OPEN = 0.9, 1.1  # between these, short fits say little: the wrong law shows when all else is right
+_LAGGING = 3.0  # the same above, of positions
 _STEPS = 4  # of the first fits, at most: contacts show in them, and impacts do not rule
 _OWN = "own"
 _WORDS = {
@@ -41,6 +43,34 @@ class Sliding:
     evidence: Evidence
     told: dict[str, Any] | None = None
     z: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class _Trial:
+    """Fits of rivals and of the own law, ``longer`` or not, and what they leave relative to the own; none: no time."""
+
+    rivals: Mapping[str, Surveyor]
+    own: Surveyor
+    errors: dict[str, float]
+    longer: bool = False
+
+    @classmethod
+    def of(cls, rivals: Mapping[str, Surveyor], own: Surveyor, steps: int, longer: bool = False) -> _Trial:
+        return cls(rivals, own, _relative_errors(rivals, own, steps, longer), longer)
+
+    def again(self, steps: int) -> _Trial:
+        """Fits of those that may still be better, going on; as it is, where errors are clear or time is up."""
+        positions = self.own.evidence.positions_only
+        most = _LAGGING if positions else _OPEN[1]
+        if not _OPEN[0] < min(self.errors.values()) < most:
+            return self
+        near = {name: self.rivals[name] for name, error in self.errors.items() if error < most}
+        own = self.own
+        if positions:
+            led = own.fitted_to(steps)
+            own, near = own.going_on(led), {name: one.going_on(led) for name, one in near.items()}
+        found = _Trial.of(near, own, steps, longer=not positions)
+        return found if found.errors else self
 
 
 def rivals(evidence: Evidence) -> dict[str, ComplementarityModel]:
@@ -64,19 +94,15 @@ def supported_sliding(surveyor: Surveyor, horizons: tuple[int, ...]) -> Sliding:
     }
     if not tried:
         return Sliding(own)
-    errors = _relative_errors(tried, surveyor, steps)
-    if not errors:
+    trial = _Trial.of(tried, surveyor, steps)
+    if not trial.errors:
         return Sliding(own)
-    again: dict[str, float] = {}
-    if _OPEN[0] < min(errors.values()) < _OPEN[1]:
-        near = {name: tried[name] for name, error in errors.items() if error < _OPEN[1]}
-        again = _relative_errors(near, surveyor, steps, longer=True)
-    errors = again or errors
-    best = min(errors, key=errors.__getitem__)
-    taken = errors[best] < _CLEARLY_BETTER
-    told = {"tried": best, "own": own.model.sliding, "relative_error": errors[best], "taken": taken}
-    chosen = tried[best] if taken else surveyor
-    return Sliding(chosen.evidence, told, chosen.fitted_to(steps, bool(again)) if own.positions_only else None)
+    trial = trial.again(steps)
+    best = min(trial.errors, key=trial.errors.__getitem__)
+    taken = trial.errors[best] < _CLEARLY_BETTER
+    told = {"tried": best, "own": own.model.sliding, "relative_error": trial.errors[best], "taken": taken}
+    chosen = trial.rivals[best] if taken else trial.own
+    return Sliding(chosen.evidence, told, chosen.fitted_to(steps, trial.longer) if own.positions_only else None)
 
 
 def _relative_errors(

@@ -94,6 +94,10 @@ class Surveyor:
         """Another, by the plain loss alone."""
         return replace(self, tolerant=False, label=f"{self.label}plainly, ")
 
+    def going_on(self, z: np.ndarray) -> Surveyor:
+        """Another, whose fits begin at ``z`` (n,)."""
+        return replace(self, begin=z, label=f"{self.label}on, ")
+
     def run(self, horizons: Sequence[int]) -> Survey:
         """The survey over those of ``horizons`` that the log has windows of; one horizon leaves only the noise open.
 
