@@ -77,6 +77,29 @@ def test_positions_alone_tell_the_law_of_what_touches(above: float, tmp_path: Pa
     assert (told is None) == bool(above)
 
 
+def captured(base: np.ndarray) -> np.ndarray:
+    """Poses (T, 7) with noise of 0.3 mm and 1 mrad."""
+    rng = np.random.default_rng(0)
+    place, turn = 3e-4 * rng.standard_normal((len(base), 3)), 5e-4 * rng.standard_normal((len(base), 3))
+    noisy = base + np.hstack([place, np.zeros((len(base), 1)), turn])
+    noisy[:, 3:] /= np.linalg.norm(noisy[:, 3:], axis=1, keepdims=True)
+    return noisy
+
+
+def test_noisy_poses_of_a_world_of_exact_coulomb_keep_it(tmp_path: Path) -> None:
+    model, log = log_of(tmp_path)
+    rows, (q, v) = [], (log.q[:1], log.v[:1])
+    for k in range(len(log)):  # the same pushes, and the same starts of episodes
+        if log.episode[k] != log.episode[k - 1]:
+            q, v = log.q[k : k + 1], log.v[k : k + 1]
+        rows.append(q[0])
+        step = model.predict(q, v, log.u[k : k + 1])
+        q, v = step.q_next, step.v_next
+    found, told = chosen(model, replace(poses(model, log, 0.0), base=captured(np.array(rows))))
+    assert found == "coulomb"
+    assert told is not None
+
+
 def test_all_laws_that_are_open_are_tried(tmp_path: Path) -> None:
     """Of positions, MuJoCo's step alone: what stands in for shapes may hold fingers that pass each other there."""
     model, log = log_of(tmp_path)
