@@ -6,7 +6,7 @@
     .venv/bin/python scripts/swaying.py judge runs/spot
 
 The log has what a robot tells in a room with motion capture, for 20 s: encoders and commands at 200 or 250 Hz, with
-noise of 0.1 mrad, and the pose of the base with noise of 0.3 mm and 1 mrad; no velocities. For docs/real_logs.md.
+noise of 0.1 mrad, and the pose of the base with noise of 0.3 mm and 1 mrad; no velocities. For docs/fit/README.md.
 """
 
 from __future__ import annotations
@@ -77,8 +77,10 @@ def sway(
     home = data.qpos[model.jnt_qposadr[model.actuator_trnid[:, 0]]]
     every = max(1, round(1.0 / (RATE * model.opt.timestep)))
     dt = every * model.opt.timestep
-    size, phase = rng.uniform(0.03, 0.12, (model.nu, 3)), 2 * np.pi
-    speed, phase = 2 * np.pi * rng.uniform(0.3, 2.5, (model.nu, 3)), rng.uniform(0, phase, (model.nu, 3))
+    size, rate, phase = (
+        rng.uniform(low, high, (model.nu, 3)) for low, high in ((0.03, 0.12), (0.3, 2.5), (0, 2 * np.pi))
+    )
+    speed = 2 * np.pi * rate
     q, u = [], []
     for t in dt * np.arange(int(SECONDS / dt)):
         begun = min(1.0, t / SETTLING)

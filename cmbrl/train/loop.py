@@ -225,7 +225,7 @@ class Loop(Trainer):
     def remarks(self) -> dict[str, str]:  # type: ignore[override]
         """What the fit is worth, and what the policies earned of which one was kept."""
         told = {"fit": self.verdict} if self.verdict else {}
-        if len(self.tried) < 2:
+        if len(self.tried) < 2 or self.round < self.config.rounds:
             return told
         earned = ", ".join(f"{one['score']:.4g}" for one in self.tried)
         when = "at their ends" if self.trial_updates == self.settings.iterations else f"by update {self.trial_updates}"
