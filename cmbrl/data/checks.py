@@ -35,7 +35,9 @@ def numbers(name: str, value: Any) -> np.ndarray:
     bad = ~(np.abs(array) <= LARGEST)
     if bad.any():
         if len(bad) > 1 and (empty := bad.all(axis=0)).any():
-            raise UserError(f"no usable number in column {int(empty.argmax())} of {name}: leave the column out")
+            raise UserError(
+                f"no usable number in column {int(empty.argmax())} of {name}: record it, or leave the column out"
+            )
         row, column = np.argwhere(bad)[0]
         x, rows = array[row, column], int(bad.any(axis=1).sum())
         kind = "NaN" if np.isnan(x) else "infinity" if np.isinf(x) else f"{x:g} (no robot is beyond {LARGEST:g})"

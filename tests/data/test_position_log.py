@@ -103,7 +103,7 @@ def test_joints_without_an_actuator() -> None:
         ({"joint_names": ("hip", "hip")}, "'hip' twice"),
         ({"command": np.zeros((20, 3))}, "3 columns for 2 joints; name its columns by actuator_names"),
         ({"command": np.zeros((19, 2))}, "19 rows, joint_position has 20"),
-        ({"position": np.full((20, 2), np.nan)}, "no usable number in column 0 of joint_position: leave"),
+        ({"position": np.full((20, 2), np.nan)}, "no usable number in column 0 of joint_position: record it"),
         ({"time": np.zeros(20)}, "time does not rise from row 0"),
         ({"time": np.where(np.arange(20) > 9, 1.0, 0.0) + 0.005 * np.arange(20)}, "after row 9, elsewhere by 0.005 s"),
         ({"time": np.full(20, np.inf)}, "time in row 0 is not a finite number"),
