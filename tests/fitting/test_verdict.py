@@ -127,6 +127,8 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     assert "--time-limit" not in first_line({**report, "pace": hasty})
     assert not first_line({**report, "horizons": worse, "pace": {**hasty, "shares": {"report": 0.1}}}).count("limit")
     assert "fitted, rmse" in render(result.parameters, report)
+    exact = {f"held out, {of}": {"rmse": error} for of, error in (("nominal", 2e-7), ("fitted", 1e-7))}
+    assert "about as well as the file" in first_line({**report, "loss": exact, "horizons": []})
 
 
 def test_a_file_that_is_right_stays_as_it_is(tmp_path: Path) -> None:

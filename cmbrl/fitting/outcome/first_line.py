@@ -32,7 +32,7 @@ def first_line(report: Mapping[str, Any]) -> str:
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
     if not after < before and after > EXACT:
         return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
-    if before < _ALIKE * after and not _better_far(report):
+    if before <= EXACT or (before < _ALIKE * after and not _better_far(report)):
         return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
