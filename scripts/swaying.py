@@ -114,6 +114,8 @@ def measured(model: mujoco.MjModel, q: np.ndarray, u: np.ndarray, dt: float, rng
 
 def record(source: str, name: str, folder: Path, seed: int) -> None:
     """Writes the robot's file, a log to fit and one of other motions, and the hidden robot, which no fit may see."""
+    if not Path(source).is_file():
+        raise SystemExit(f"swaying: {source}: no such file")
     folder.mkdir(parents=True, exist_ok=True)
     rng, posture = np.random.default_rng(seed), ROBOTS[name][0]
     model = on_the_floor(source, folder)
