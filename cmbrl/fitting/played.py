@@ -19,6 +19,7 @@ from cmbrl.errors import UserError
 from cmbrl.files import make_folder
 from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.fit import fit
+from cmbrl.fitting.outcome.verdict import EXACT
 from cmbrl.fitting.pace import ALLOWED
 from cmbrl.fitting.result import FitResult
 from cmbrl.models.complementarity import ComplementarityModel
@@ -42,11 +43,11 @@ def fit_or_played(
 ) -> FitResult:
     """``fit(model, data, ...)``, or that of the same file with play, if the first one shows play at some joint.
 
-    The play is taken if it leaves at most .95 of the error on unseen episodes. ``report["with_play"]`` tells which
-    "gaps" were tried, the share of the "error" that they leave, whether they were "taken", and the "seconds" of
-    both fits. Not tried where ``options`` name the groups that may move. ``within_limit``: both fits together take no
-    longer than one may, and the second is left out where little of that remains. A killed pair of fits resumes from
-    ``folder``. Raises what the first ``fit`` raises.
+    The play is taken if it leaves at most .95 of the error on unseen episodes, in the geometric mean over what is
+    compared. ``report["with_play"]`` tells which "gaps" were tried, the share of the "error" that they leave, whether
+    they were "taken", and the "seconds" of both fits. Not tried where ``options`` name the groups that may move.
+    ``within_limit``: both fits together take no longer than one may, and the second is left out where little of that
+    remains. A killed pair of fits resumes from ``folder``. Raises what the first ``fit`` raises.
     """
     begun = Clock.now()
     found = fit(model, data, folder=folder, progress=progress, time_limit=time_limit, begun=begun, **options)
@@ -94,9 +95,14 @@ def with_play(model: ComplementarityModel, gaps: dict[str, float]) -> Complement
 
 
 def _errors(one: FitResult, other: FitResult) -> float:
-    """Error of one fit over that of the other: geometric mean over the horizons that both were judged on."""
-    first, second = ({row["steps"]: row["rmse"]["fitted"] for row in fit.report["horizons"]} for fit in (one, other))
+    """Error of one fit over that of the other: geometric mean over the channels and horizons that both were judged on.
+
+    By channel, since joints that hardly move rule the error of all together: of an arm whose fingers stood still in the
+    log, a fit was taken that erred four times as much in all other joints.
+    """
+    first, second = ({row["steps"]: row["by_channel"] for row in fit.report["horizons"]} for fit in (one, other))
     both = sorted(first.keys() & second.keys())
     if not both:
         return np.inf
-    return float(np.exp(np.mean([np.log(first[steps]) - np.log(second[steps]) for steps in both])))
+    errors = [np.maximum([fit[steps] for steps in both], EXACT) for fit in (first, second)]
+    return float(np.exp(np.mean(np.log(errors[0]) - np.log(errors[1]))))

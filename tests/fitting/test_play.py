@@ -6,6 +6,7 @@ import json
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -160,10 +161,18 @@ def test_a_fit_finds_the_gap_and_what_the_rotor_weighs(arm: Path) -> None:
 
 @pytest.mark.parametrize(
     ("errors", "taken"),
-    [((0.5, 0.2), {"a": GAP}), ((0.5, 0.49), {}), ((0.5, np.inf), {}), ((0.5, "refused"), {}), ((0.5, None), {})],
+    [
+        ((0.5, 0.2), {"a": GAP}),
+        ((0.5, 0.49), {}),
+        ((0.5, np.inf), {}),
+        ((0.5, "refused"), {}),
+        ((0.5, None), {}),
+        (([0.01, 0.01, 0.5], [0.04, 0.04, 0.3]), {}),  # better in all, where one joint that stands still rules
+        (([0.01, 0.01, 0.5], [0.01, 0.01, 0.3]), {"a": GAP}),
+    ],
 )
 def test_play_is_taken_where_unseen_episodes_call_for_it(
-    errors: tuple[float, float | str | None], taken: dict[str, float], arm: Path, monkeypatch: pytest.MonkeyPatch
+    errors: tuple[Any, Any], taken: dict[str, float], arm: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A fit that shows play is compared with one of the file with it, if one can be made."""
     fits = []
@@ -173,7 +182,7 @@ def test_play_is_taken_where_unseen_episodes_call_for_it(
         if errors[len(fits) - 1] == "refused":
             raise UserError("no fit of this file")
         gaps = {} if errors[1] is None or len(fits) > 1 else {"a": GAP}
-        rows = [{"steps": steps, "rmse": {"fitted": errors[len(fits) - 1]}} for steps in (1, 5)]
+        rows = [{"steps": steps, "by_channel": np.atleast_1d(errors[len(fits) - 1])} for steps in (1, 5)]
         about = {"stopped": None, "seconds": {"total": 1.0}}
         return FitResult(model, {}, {"gaps": gaps, "horizons": rows, **about})
 
@@ -197,7 +206,7 @@ def test_an_interrupted_fit_with_play_is_told(
     def told(model: ComplementarityModel, log: object, **options: object) -> FitResult:
         begun.append(options["folder"])
         first = len(begun) == 1
-        rows = [{"steps": 1, "rmse": {"fitted": 0.5 if first else error}}]
+        rows = [{"steps": 1, "by_channel": [0.5 if first else error]}]
         about = {"stopped": None if first else "interrupted", "seconds": {"total": 1.0}}
         return FitResult(model, {}, {"gaps": {"a": GAP} if first else {}, "horizons": rows, **about})
 

@@ -82,6 +82,8 @@ def test_the_errors_are_those_of_the_table_of_errors(tmp_path: Path) -> None:
     for row in rows:
         for name in ("nominal", "fitted"):
             assert row["rmse"][name] == pytest.approx(table.entry(name, row["steps"]).error, rel=0.05)
+        assert len(row["by_channel"]) == 2 * model.scene.nv
+        assert np.sqrt(np.square(row["by_channel"]).mean()) == pytest.approx(row["rmse"]["fitted"])
 
 
 @pytest.mark.parametrize(("damping", "worse"), [(2.0, False), (0.2, True)])

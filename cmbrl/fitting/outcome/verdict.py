@@ -38,7 +38,8 @@ def by_horizon(
 ) -> list[dict[str, Any]]:
     """Errors by horizon of holding the velocity, of the start and of the fit, on episodes not seen.
 
-    By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. ``share``: of the windows.
+    By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. "by_channel": the fit's RMSE
+    of each coordinate and velocity that is compared, in their order. ``share``: of the windows.
     ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity. Where
     velocities are estimates, over one horizon: nearly as long as the parts that are held out.
     """
@@ -86,10 +87,17 @@ def _measured(steps: int, parts: Sequence[tuple[Judge, Mapping[str, np.ndarray]]
     for name in MODELS:
         off = np.concatenate([own[name] for _, own in parts])[:, moves] / unit[moves]
         with np.errstate(over="ignore"):
-            row["rmse"][name] = float(np.nan_to_num(np.sqrt(np.square(off).mean()), nan=_LOST, posinf=_LOST))
+            squares = np.square(off).mean(axis=0)
+            row["rmse"][name] = float(_finite(np.sqrt(squares.mean())))
+            if name == "fitted":
+                row["by_channel"] = _finite(np.sqrt(squares)).tolist()
         losses = [float(judge.loss(own[name]).sum()) * len(judge.starts) for judge, own in parts]
         row["loss"][name] = sum(losses) / sum(len(judge.starts) for judge, _ in parts)
     return row
+
+
+def _finite(error: np.ndarray) -> np.ndarray:
+    return np.nan_to_num(error, nan=_LOST, posinf=_LOST)
 
 
 def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
