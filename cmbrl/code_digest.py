@@ -9,15 +9,15 @@ from __future__ import annotations
 import ast
 import hashlib
 import re
-from collections.abc import Iterator
 from functools import cache
 from importlib.machinery import PathFinder
 from pathlib import Path
 
-PACKAGE = "cmbrl"
+from cmbrl.parsed_code import PACKAGE, Memory, running
+
+CORE = f"{PACKAGE}.native"
 ROOT = Path(__file__).parent
 _NATIVE_REMARKS = re.compile(r"//[^\n]*|\s+")  # and how its lines are broken
-_NAMED = re.compile(rf"^({PACKAGE}(?:\.\w+)+)(?::|$)")
 
 
 @cache
@@ -26,6 +26,7 @@ def code_digest(module: str) -> str:
     seen = hashlib.sha256()
     for name in sorted(_closure(module)):
         seen.update(f"{name} {_read(name)[0]}\n".encode())
+    _memory().keep()
     return seen.hexdigest()[:16]
 
 
@@ -64,48 +65,33 @@ def _foreign(name: str) -> Path | None:
 
 @cache
 def _read(name: str) -> tuple[str, tuple[str, ...]]:
-    """The digest of one module alone, and what it imports."""
-    source = _source(name)
-    assert source is not None
-    tree = ast.parse(source.read_text(encoding="utf-8"))
-    imports = _imports(name, tree)  # before docstrings go
-    return _own_digest(name, source, tree), imports
-
-
-def _own_digest(name: str, source: Path, tree: ast.Module) -> str:
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and _documented(node):
-            node.body[0] = ast.Pass()
-    seen = hashlib.sha256(ast.dump(tree).encode())
-    if name == f"{PACKAGE}.native":
-        sources = sorted(file for ending in ("hpp", "cpp") for file in source.parent.rglob(f"*.{ending}"))
-        for file in sources:
-            seen.update(_NATIVE_REMARKS.sub(" ", file.read_text(encoding="utf-8")).encode())
-        for binary in () if sources else sorted(source.parent.glob("_core*")):
-            seen.update(binary.read_bytes())
-    return seen.hexdigest()
-
-
-def _documented(node: ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
-    return ast.get_docstring(node, clean=False) is not None
-
-
-def _imports(name: str, tree: ast.Module) -> tuple[str, ...]:
-    """Names that may be modules of this package, from every import in the file but those for type checkers.
+    """The digest of one module alone, and names that may be modules of this package, which it imports.
 
     A string such as "cmbrl.train.shac:SHAC" counts too: what it names is imported when it is needed. One that names a
     package counts for all of its modules.
     """
-    found: set[str] = set()
-    for node in _running(tree):
-        if isinstance(node, ast.Import):
-            found.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
-            found.update([node.module, *(f"{node.module}.{alias.name}" for alias in node.names)])
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and name != PACKAGE:
-            for match in _NAMED.finditer(node.value):
-                found.update([match[1], *_members(match[1])])
-    return tuple(x for x in found if x.split(".")[0] == PACKAGE)
+    source = _source(name)
+    assert source is not None
+    text = source.read_bytes()
+    found = _memory().of(text)
+    named = [] if name == PACKAGE else [each for string in found.strings for each in (string, *_members(string))]
+    return _with_core(text, source.parent) if name == CORE else found.digest, (*found.imports, *named)
+
+
+@cache
+def _memory() -> Memory:
+    return Memory()
+
+
+def _with_core(text: bytes, folder: Path) -> str:
+    """The digest of the module ``text`` and the compiled core in its ``folder``."""
+    seen = hashlib.sha256(running(ast.parse(text)))
+    sources = sorted(file for ending in ("hpp", "cpp") for file in folder.rglob(f"*.{ending}"))
+    for file in sources:
+        seen.update(_NATIVE_REMARKS.sub(" ", file.read_text(encoding="utf-8")).encode())
+    for binary in () if sources else sorted(folder.glob("_core*")):
+        seen.update(binary.read_bytes())
+    return seen.hexdigest()
 
 
 def _members(name: str) -> list[str]:
@@ -114,15 +100,6 @@ def _members(name: str) -> list[str]:
     if source is None or source.name != "__init__.py":
         return []
     return [f"{name}.{file.stem}" for file in source.parent.glob("*.py") if file.stem != "__init__"]
-
-
-def _running(node: ast.AST) -> Iterator[ast.AST]:
-    """All nodes below ``node`` that run, so without the bodies of ``if TYPE_CHECKING``."""
-    for child in ast.iter_child_nodes(node):
-        if isinstance(child, ast.If) and isinstance(child.test, ast.Name) and child.test.id == "TYPE_CHECKING":
-            continue
-        yield child
-        yield from _running(child)
 
 
 def _parents(name: str) -> list[str]:
