@@ -7,10 +7,12 @@ written, texts are parsed each time.
 from __future__ import annotations
 
 import ast
+import gzip
 import hashlib
 import json
 import re
 import sys
+import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -20,7 +22,7 @@ from cmbrl.errors import UserError
 from cmbrl.files import atomic_path
 
 PACKAGE = "cmbrl"
-FILE = Path(__file__).parent / "__pycache__" / f"code_digest.{sys.implementation.cache_tag}.json"
+FILE = Path(__file__).parent / "__pycache__" / f"code_digest.{sys.implementation.cache_tag}.json.gz"
 _MOST = 3000  # texts, several versions of every module: beyond that the memory begins anew
 _NAMED = re.compile(rf"^({PACKAGE}(?:\.\w+)+)(?::|$)")
 
@@ -50,7 +52,7 @@ class Memory:
         """Writes what is new for other processes, as far as the disk lets it."""
         if self.new and len(self.known) <= _MOST:
             with suppress(UserError, OSError), atomic_path(self.file) as temporary:
-                temporary.write_text(json.dumps(self.known))
+                temporary.write_bytes(gzip.compress(json.dumps(self.known).encode()))
         elif self.new:
             with suppress(OSError):
                 self.file.unlink()
@@ -67,9 +69,9 @@ def running(tree: ast.Module) -> bytes:
 
 def _recalled(file: Path) -> dict[str, Parsed]:
     try:
-        held = json.loads(file.read_text())
+        held = json.loads(gzip.decompress(file.read_bytes()))
         return {key: Parsed(digest, tuple(imports), tuple(strings)) for key, (digest, imports, strings) in held.items()}
-    except (OSError, ValueError, TypeError, AttributeError):  # there is none, or it is damaged
+    except (OSError, EOFError, zlib.error, ValueError, TypeError, AttributeError):  # there is none, or it is damaged
         return {}
 
 

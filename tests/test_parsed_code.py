@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 from pathlib import Path
 
 import pytest
@@ -21,7 +22,7 @@ def _by_another_process(memory: Memory, text: bytes, monkeypatch: pytest.MonkeyP
 
 
 def test_a_text_that_is_remembered_says_what_it_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    memory = Memory(tmp_path / "__pycache__" / "memory.json")
+    memory = Memory(tmp_path / "__pycache__" / "memory.json.gz")
     first = memory.of(TEXT)
     assert first.imports == ("cmbrl.errors", "cmbrl", "cmbrl.files")
     assert first.strings == ("cmbrl.fitting.fit",)
@@ -29,17 +30,21 @@ def test_a_text_that_is_remembered_says_what_it_said(tmp_path: Path, monkeypatch
     assert memory.of(TEXT.replace(b"Words", b"Others")) == first  # no other code, but another text
 
 
-@pytest.mark.parametrize("damage", ["", "{", "[]", '{"key": 3}', '{"key": ["a"]}'])
-def test_a_damaged_memory_is_made_anew(damage: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    file = tmp_path / "memory.json"
-    file.write_text(damage)
+CUT = gzip.compress(b"{}")[:-9]
+DAMAGED = [b"", CUT, CUT[:12] + b"??????", *map(gzip.compress, (b"{", b"[]", b'{"key": 3}', b'{"key": ["a"]}'))]
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_a_damaged_memory_is_made_anew(damage: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    file = tmp_path / "memory.json.gz"
+    file.write_bytes(damage)
     memory = Memory(file)
     assert _by_another_process(memory, TEXT, monkeypatch) == memory.of(TEXT)
 
 
 def test_it_does_not_grow_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cmbrl.parsed_code._MOST", 2)
-    memory = Memory(tmp_path / "memory.json")
+    memory = Memory(tmp_path / "memory.json.gz")
     for k in range(3):
         memory.of(f"x = {k}".encode())
         memory.keep()
@@ -48,7 +53,7 @@ def test_it_does_not_grow_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 def test_a_place_that_cannot_be_written_is_no_matter(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    memory = Memory(tmp_path / "file" / "memory.json")
+    memory = Memory(tmp_path / "file" / "memory.json.gz")
     memory.of(TEXT)
     memory.keep()
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]

@@ -60,7 +60,8 @@ def build_models(
 
     ``sliding``: of models that are not saved ones; None: that of the source.
 
-    Raises UserError when the model of a folder or a file is of another robot or time step.
+    A fit takes the control steps of ``data``. Raises UserError when the model of a folder or a file is of another
+    robot, and where a net was trained for another step.
     """
     from cmbrl.models.baselines import Ballistic, HoldVelocity
     from cmbrl.models.ensemble import NeuralEnsemble
@@ -160,6 +161,7 @@ def _of_file(path: str, source: Source, sliding: str | None, data: Transitions, 
 
 
 def _loaded(folder: str, scene: Scene, data: Transitions, threads: int) -> Model:
+    from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.models.named import saved_model
 
     model = saved_model(folder, threads=threads)
@@ -169,9 +171,11 @@ def _loaded(folder: str, scene: Scene, data: Transitions, threads: int) -> Model
             f"{folder}: model of another robot: nq, nv, nu are {have}, of scene {scene.name!r} {need}; compare it by a "
             "command of its own"
         )
-    if abs(model.dt - data.dt) > TIME_STEP_TOLERANCE * data.dt:
-        raise UserError(
-            f"{folder}: has a step of {model.dt:g} s, the log has dt {data.dt:g} s: use a log of "
-            "that step (`cmbrl import --rate` tells the rate of stamps that jitter)"
-        )
-    return model
+    if abs(model.dt - data.dt) <= TIME_STEP_TOLERANCE * data.dt:
+        return model
+    if isinstance(model, ComplementarityModel):
+        return model.at(data.dt)
+    raise UserError(
+        f"{folder}: has a step of {model.dt:g} s, the log has dt {data.dt:g} s: use a log of "
+        "that step (`cmbrl import --rate` tells the rate of stamps that jitter)"
+    )

@@ -11,10 +11,11 @@ import torch
 
 from cmbrl import Scene, Transitions, UserError
 from cmbrl.accuracy.compare import compare
-from cmbrl.accuracy.named_models import notes_on_laws
+from cmbrl.accuracy.named_models import build_models, notes_on_laws
 from cmbrl.accuracy.plots import plot
 from cmbrl.models.baselines import Ballistic, HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.models.source import load_source
 
 DT = 0.01
 CUBE = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>
@@ -207,3 +208,23 @@ def test_a_file_under_another_law_than_mujocos_is_told(cube: Scene) -> None:
     convex = {"nominal": file.with_settings(sliding="convex")}
     assert notes_on_laws(convex, ["nominal"]) == []
     assert notes_on_laws({"runs/fit": file}, ["runs/fit"]) == []  # a fit's law is its own choice
+
+
+@pytest.mark.parametrize("dt", [0.0334628, 0.01])
+def test_a_fit_of_another_rate_steps_as_the_log_does(
+    dt: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Recordings whose stamps jitter differ in their rate by a little."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    source = load_source(str(tmp_path / "arm.xml"))
+    fit = ComplementarityModel(source.scene).for_log(0.0334168)
+    monkeypatch.setattr("cmbrl.models.named.saved_model", lambda *_, **__: fit)
+    q, v, u = (torch.full((1, 1), value, dtype=torch.float64) for value in (0.3, 0.0, 0.2))
+    states = [(q, v)]
+    for _ in range(40):
+        states.append(fit.at(dt).step(*states[-1], u))
+    rows_q, rows_v = (torch.cat(part).numpy() for part in zip(*states, strict=True))
+    steps = {"u": np.full((40, 1), 0.2), "episode": np.zeros(40, dtype=int), "dt": dt}
+    log = Transitions(q=rows_q[:-1], v=rows_v[:-1], q_next=rows_q[1:], v_next=rows_v[1:], **steps)
+    models = build_models(["fit"], source, log, 1)
+    assert compare(models, log, source.scene, horizons=(1, 5)).entry("fit", 5).error < 1e-9
