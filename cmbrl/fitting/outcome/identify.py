@@ -27,6 +27,7 @@ import numpy as np
 
 from cmbrl.fitting.search.loss import NormalEquations
 from cmbrl.fitting.search.space import Space
+from cmbrl.fitting.search.square_root import Inverse, root_of, without
 
 _NORMAL_95 = 1.96
 REPEATED = 20.0  #: by the share of the motion that the model leaves unexplained
@@ -34,6 +35,7 @@ _NAMED = 0.3  # of the largest coefficient; smaller ones are not named
 _MAX_NAMED = 6
 _FLAT_VARIANCE = 0.5  # of the prior's
 _LEAST_EIGENVALUE = 1e-15  # relative; below, rounding rules
+_INSIDE = 1e-9  # prior standard deviations off: a direction is among those of a basis
 _SILENT = 1e-6  # information, in units of the prior's, below which the log says nothing
 
 
@@ -83,24 +85,27 @@ def identify(
     every, apart, wide = (np.zeros_like(space.precision) for _ in range(3))
     directions = []
     if len(columns):
+        factors = _factors(space, z, fitted, sets)
+        root = equations.root if equations.root is not None else root_of(equations.hessian)
+        told = _Told(space, np.sqrt(scale) * root, scale * equations.episode_gradients, factors, repeated)
 
         def spread(others: np.ndarray) -> np.ndarray:
             """Of the fitted columns, where ``others`` (n, k) may be wrong as well."""
-            basis = np.hstack([np.eye(len(space))[:, columns], others])
-            found = _spread(space, basis, equations, scale, repeated)[0]
+            found = told.spread(np.hstack([np.eye(len(space))[:, columns], others]))[0]
             return found[: len(columns), : len(columns)] + discrepancy[own]
 
-        staying = _staying(space, z, fitted, sets)
+        staying = np.where(fitted[:, None], 0.0, factors)
+        staying = staying[:, staying.any(axis=0)]
         left = np.zeros_like(fitted) if free is None else free & ~fitted & ~staying.any(axis=1)
         others = np.eye(len(space))[:, left]
         every[own], apart[own], wide[own] = map(spread, (others[:, :0], others, np.hstack([others, staying])))
         if staying.shape[1]:
             more = np.hstack([np.eye(len(space))[:, columns], staying])
-            bread = _spread(space, more, equations, scale, repeated)[1][: len(columns), len(columns) :]
+            bread = told.spread(more)[1][: len(columns), len(columns) :]
             drift = bread @ (staying.T @ (scale * repeated * equations.gradient + space.precision @ z))
             wide[own] += np.outer(drift, drift)
         wide[own] += 0.0 if beside is None else beside[own]
-        directions = _flat_directions(scale * equations.hessian[own], [space.names[k] for k in columns])
+        directions = _flat_directions(told.root[:, columns], [space.names[k] for k in columns])
     variance = np.where(fitted, np.diag(wide), 1.0)
     half = _NORMAL_95 * np.sqrt(variance)
     low = np.where(fitted, space.theta(np.maximum(z - half, space.z_low)), space.theta(z))
@@ -112,27 +117,43 @@ def identify(
     return Identification(low, high, flat, ~fitted & (alone < 1.0), directions, covariance, every, apart, wide)
 
 
-def _spread(
-    space: Space, basis: np.ndarray, equations: NormalEquations, scale: float, repeated: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Covariance of the sandwich, at least the naive one, and A^-1: (k, k) along the directions ``basis`` (n, k)."""
-    prior = basis.T @ space.precision @ basis
-    bread = inverse(scale * basis.T @ equations.hessian @ basis + prior)
-    scores = scale * equations.episode_gradients @ basis
-    scores = scores - scores.mean(axis=0)
-    spread = repeated * scores.T @ scores * len(scores) / max(len(scores) - 1, 1)
-    sandwich = bread @ (spread + prior) @ bread
-    wider = np.sqrt(np.maximum(np.diag(bread) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
-    return sandwich * np.outer(wider, wider), bread
+@dataclass(frozen=True)
+class _Told:
+    """What a log tells: ``root`` (m, n) of its information, and ``scores`` (episodes, n).
+
+    Of ``factors`` (n, k), along which no motion changes, it tells nothing; in its numbers rounding would.
+    """
+
+    space: Space
+    root: np.ndarray
+    scores: np.ndarray
+    factors: np.ndarray
+    repeated: float
+
+    def spread(self, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Covariance of the sandwich, at least the naive one, and A^-1, (k, k): along directions ``basis`` (n, k)."""
+        root, scores = self.root @ basis, self.scores @ basis
+        along = np.linalg.lstsq(basis, self.factors, rcond=None)[0]
+        inside = np.abs(basis @ along - self.factors).max(axis=0, initial=0.0) < _INSIDE
+        if inside.any():
+            kept = without(root, along[:, inside])
+            root, scores = root @ kept, scores @ kept
+        prior = root_of(basis.T @ self.space.precision @ basis)
+        bread = Inverse.of(np.vstack([root, prior]))
+        scores = scores - scores.mean(axis=0)
+        scores = scores * np.sqrt(self.repeated * len(scores) / max(len(scores) - 1, 1))
+        sandwich = bread.around(np.vstack([scores, prior]))
+        wider = np.sqrt(np.maximum(np.diag(bread.matrix) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
+        return sandwich * np.outer(wider, wider), bread.matrix
 
 
-def _staying(space: Space, z: np.ndarray, fitted: np.ndarray, sets: Sequence[Sequence[int]]) -> np.ndarray:
-    """Directions (n, k) in z: by set, the common factor of those that are not fitted, if others of the set are."""
+def _factors(space: Space, z: np.ndarray, fitted: np.ndarray, sets: Sequence[Sequence[int]]) -> np.ndarray:
+    """Directions (n, k) in z of the common factors of ``sets`` of which some parameter is ``fitted``."""
     theta, slope, found = space.theta(z), space.slope(z), []
     for together in sets:
         some = np.isin(np.arange(len(z)), together) & (theta > 0.0)
-        if (some & fitted).any() and (some & ~fitted).any():
-            found.append(np.where(some & ~fitted, theta / slope, 0.0))
+        if (some & fitted).any():
+            found.append(np.where(some, theta / slope, 0.0))
     return np.array(found).reshape(-1, len(z)).T
 
 
@@ -147,12 +168,13 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     return np.asarray(root @ root.T)
 
 
-def _flat_directions(information: np.ndarray, names: list[str]) -> list[dict]:
-    silent = np.diag(information) < _SILENT  # one direction each; together, any rotation of them would do
+def _flat_directions(root: np.ndarray, names: list[str]) -> list[dict]:
+    silent = np.square(root).sum(axis=0) < _SILENT  # one direction each; together, any rotation of them would do
     found = [{"information": 0.0, "parameters": {names[k]: 1.0}} for k in np.flatnonzero(silent)]
     told = np.flatnonzero(~silent)
-    values, vectors = np.linalg.eigh(information[np.ix_(told, told)])
-    for value, vector in zip(values, vectors.T, strict=True):
+    _, sizes, vectors = np.linalg.svd(root[:, told])
+    values = np.append(sizes**2, np.zeros(len(vectors) - len(sizes)))
+    for value, vector in zip(values[::-1], vectors[::-1], strict=True):
         if value >= 1.0:
             break
         vector = vector / vector[np.abs(vector).argmax()]

@@ -54,7 +54,7 @@ def conclude(
     physical, psi = loss.observation.split(space.theta(z))
     between = {p.name: float(x) for p, x in zip(loss.observation.parameters, psi, strict=False)}
     final = model.with_parameters(physical).with_settings(observation=between)
-    equations = loss.settled(space.theta(z)).normal_equations(space, z)
+    equations = loss.settled(space.theta(z)).normal_equations(space, z, rooted=True)
     sets = common_factors(model.scene.core, active | free)
     try:
         lacks, late = discrepancy.covariance(z, active), UntoldDelay.of(space, z, active, equations)

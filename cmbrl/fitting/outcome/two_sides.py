@@ -18,6 +18,7 @@ from cmbrl.fitting.outcome.identify import REPEATED, inverse
 from cmbrl.fitting.search.loss import NormalEquations
 from cmbrl.fitting.search.objective import SOLVER_VARIANCE
 from cmbrl.fitting.search.space import Space
+from cmbrl.fitting.search.square_root import root_of
 
 
 def score_tests(
@@ -67,7 +68,8 @@ def joint_deviations(
     (first, scores), (second, theirs), repeated = _weighed(own, others, columns)
     bread = inverse(to_own.T @ first @ to_own + to_others.T @ second @ to_others + prior)
     moved = np.vstack([(x - x.mean(axis=0)) @ way for x, way in ((scores, to_own), (theirs, to_others))])
-    sandwich = bread @ (repeated * moved.T @ moved * len(moved) / max(len(moved) - 2, 1) + prior) @ bread
+    rows = np.vstack([np.sqrt(repeated * len(moved) / max(len(moved) - 2, 1)) * moved, root_of(prior)]) @ bread
+    sandwich = rows.T @ rows  # positive also in rounding
     wider = np.sqrt(np.maximum(np.diag(bread) / np.maximum(np.diag(sandwich), 1e-300), 1.0))
     covariance = sandwich * np.outer(wider, wider)
     variances = np.diag(covariance)[count:], np.diag(covariance)[mine], np.diag(between @ covariance @ between.T)
