@@ -23,7 +23,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.excitation.commands import Ranges, Tones, joint_limits
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.fitting.search.loss import ALIKE
+from cmbrl.fitting.search.loss_values import ALIKE
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales
 from cmbrl.models.wiring import Robots

@@ -17,7 +17,8 @@ from cmbrl.fitting.log.survey import Survey
 from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.pace import ALLOWED, Pace, Plan, Speed
 from cmbrl.fitting.search.folds import Folds, draw_starts
-from cmbrl.fitting.search.loss import Errors, PredictionLoss
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.state import Journal, OutOfTime
 
 GAUSS_NEWTON = "gauss-newton"

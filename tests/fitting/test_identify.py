@@ -15,7 +15,7 @@ from cmbrl.fitting.outcome.ratios import beside, ratios
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.fitting.search.gauge import common_factors, nearest
 from cmbrl.fitting.search.gauss_newton import gauss_newton
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.objective import Objective
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal

@@ -10,7 +10,7 @@ import pytest
 import cmbrl
 from cmbrl.fitting import Budget, course
 from cmbrl.fitting.choice.judging import harmed, returned
-from cmbrl.fitting.search.loss import Errors
+from cmbrl.fitting.search.loss_values import Errors
 
 from .arm_log import followed
 

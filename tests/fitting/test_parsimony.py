@@ -13,7 +13,7 @@ from cmbrl.fitting.choice.parsimony import _needed
 from cmbrl.fitting.choice.trials import Incumbent, Trial
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.search.folds import LEAST_GAIN, Folds, draw_starts
-from cmbrl.fitting.search.loss import Errors
+from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import Objective
 from cmbrl.fitting.state import Journal
 from cmbrl.models.windows import Scales

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cmbrl.fitting.outcome.two_sides import joint_deviations, score_tests
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.space import Space
 from cmbrl.scene import Parameter
 

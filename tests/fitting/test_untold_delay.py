@@ -10,7 +10,7 @@ import cmbrl
 from cmbrl.data import read_trajectories
 from cmbrl.fitting.outcome.identify import identify
 from cmbrl.fitting.outcome.untold_delay import UntoldDelay, untold_delay_told
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.space import Space
 from cmbrl.scene import Parameter
 

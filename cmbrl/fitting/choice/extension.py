@@ -22,7 +22,7 @@ from cmbrl.fitting.choice.told_gains import GAINS
 from cmbrl.fitting.choice.trials import Incumbent, Trial, Trials
 from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
 from cmbrl.fitting.search.gauss_newton import gauss_newton
-from cmbrl.fitting.search.loss import Errors
+from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import NotFinite, Objective
 from cmbrl.models.observation import ZERO
 

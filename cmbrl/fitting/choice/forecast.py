@@ -19,7 +19,7 @@ import numpy as np
 
 from cmbrl.fitting.search.folds import Folds
 from cmbrl.fitting.search.gauss_newton import damped_step
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.space import Space
 
 _DAMPING = 1e-3  # relative: keeps parameters with the same effect together

@@ -8,7 +8,7 @@ import numpy as np
 
 from cmbrl.fitting.choice.trials import Incumbent
 from cmbrl.fitting.search.folds import LEAST_GAIN, Folds
-from cmbrl.fitting.search.loss import Errors
+from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.unseen import Unseen
 from cmbrl.fitting.state import Journal

@@ -27,7 +27,7 @@ from cmbrl.fitting.choice.trials import Incumbent, Trial, Trials
 from cmbrl.fitting.log.judge import RIGHT
 from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, SOLVED, paired_gain
 from cmbrl.fitting.search.gauss_newton import gauss_newton
-from cmbrl.fitting.search.loss import Errors, NormalEquations
+from cmbrl.fitting.search.loss_values import Errors, NormalEquations
 from cmbrl.fitting.search.objective import Objective
 
 CLEAR_RISE = 0.1  # of the loss, by the forecast: a group whose removal costs so much is not tried

@@ -11,7 +11,8 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.log.judge import Judge, score
 from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, SOLVED, Folds, paired_gain
 from cmbrl.fitting.search.gauss_newton import gauss_newton
-from cmbrl.fitting.search.loss import Errors, NormalEquations, PredictionLoss
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss_values import Errors, NormalEquations
 from cmbrl.fitting.search.objective import NotFinite, Objective
 from cmbrl.fitting.search.random_search import random_search
 from cmbrl.fitting.search.released import released

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.search.linearised import Lineariser
-from cmbrl.fitting.search.loss import ALIKE, PredictionLoss
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss_values import ALIKE
 from cmbrl.fitting.search.space import Space
 
 _BLOCKS = 8  # of the log, of which every other one is of one half

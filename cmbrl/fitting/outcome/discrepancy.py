@@ -23,7 +23,7 @@ from cmbrl.fitting.log.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.log.survey import Survey
 from cmbrl.fitting.outcome.identify import inverse
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 

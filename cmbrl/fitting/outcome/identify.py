@@ -16,6 +16,9 @@ flat: the log says less there than the prior.
 A fit moves what held-out errors call for. What it leaves at the file's value may be wrong all the same, within the
 prior, and others make up for it: a centre of mass for a payload, say. So A has the columns of all that might have been
 fitted, and a parameter's interval is as wide as if all of them had been.
+
+A log without noise tells some combinations 1e20 times as well as the prior, and the unit of force not at all: F and K
+have no common digits in doubles. So everything is computed from square roots of them (``square_root``).
 """
 
 from __future__ import annotations
@@ -25,7 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.square_root import Inverse, root_of, without
 

@@ -21,7 +21,8 @@ from cmbrl.fitting.outcome.ratios import beside, ratios
 from cmbrl.fitting.outcome.untold_delay import UntoldDelay
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.search.gauge import common_factors
-from cmbrl.fitting.search.loss import Errors, PredictionLoss
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import NOT_FINITE
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal

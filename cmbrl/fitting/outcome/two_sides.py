@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.fitting.outcome.identify import REPEATED, inverse
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.objective import SOLVER_VARIANCE
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.square_root import root_of

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.outcome.identify import REPEATED, inverse
-from cmbrl.fitting.search.loss import NormalEquations
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.objective import SOLVER_VARIANCE
 from cmbrl.fitting.search.space import Space
 from cmbrl.models.observation import DELAY

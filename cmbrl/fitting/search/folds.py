@@ -14,7 +14,8 @@ import numpy as np
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.fitting.search.gauss_newton import gauss_newton
-from cmbrl.fitting.search.loss import Errors, PredictionLoss
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import SOLVER_VARIANCE, Objective
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal

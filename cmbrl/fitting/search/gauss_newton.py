@@ -12,7 +12,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.fitting.search.loss import NormalEquations, PredictionLoss
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.objective import NOT_FINITE, SOLVER_VARIANCE, NotFinite, Objective
 from cmbrl.fitting.search.random_search import Keep, Search, forget
 from cmbrl.fitting.search.space import Space

@@ -17,7 +17,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmbrl.errors import UserError
-from cmbrl.fitting.search.loss import NormalEquations, PredictionLoss
+from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.space import Space
 
 
