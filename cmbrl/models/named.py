@@ -125,13 +125,17 @@ def _given(smoothing: Smoothing | None, threads: int | None) -> dict[str, Any]:
 def nominal_model(task: Task, scene: Scene | None = None, **options: Any) -> ComplementarityModel:
     """The model of the task's scene at its nominal parameters; ``options`` override the task's settings.
 
-    ``scene``: the task's scene if already loaded, perhaps with other import options.
+    ``scene``: the task's scene if already loaded, perhaps with other import options. Another ``time_step`` alone takes
+    as many substeps as make the task's control step; raises UserError where no whole number does.
     """
     from cmbrl.contact.smoothing import Relaxed
     from cmbrl.models.complementarity import ComplementarityModel
 
     settings = task.model_options() | {"smoothing": Relaxed(task.smoothing_speed)}
-    return ComplementarityModel(scene or task.load_scene(), **(settings | options))
+    stepped = "time_step" in options and "substeps" not in options
+    settings |= {"substeps": 1} if stepped else {}
+    model = ComplementarityModel(scene or task.load_scene(), **(settings | options))
+    return model.for_log(task.control_dt) if stepped else model
 
 
 def task_of_fit(folder: str | os.PathLike[str]) -> str | None:
