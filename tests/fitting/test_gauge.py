@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
 
-from cmbrl.fitting.search.gauge import distance, nearest
+import numpy as np
+import pytest
+import torch
+
+from cmbrl.fitting.search.gauge import common_factors, distance, nearest
 from cmbrl.fitting.search.space import Space
+from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene import Scene
 from cmbrl.scene.records import Parameter
 
 
@@ -31,3 +37,28 @@ def test_a_unit_that_is_off_goes_back_with_all_that_scales_by_it() -> None:
     found = space.theta(nearest(space, space.z(theta), [list(range(len(space)))]))
     np.testing.assert_allclose(found / theta, found[0] / theta[0])
     np.testing.assert_allclose(found[0] / theta[0], 2.0, rtol=0.05)
+
+
+LEG = """<mujoco><option timestep="0.005"/><worldbody><geom type="plane" size="5 5 .1"/><body pos="0 0 .45">
+  <joint type="slide" axis="0 0 1"/><geom size=".1"/>
+  <body><joint type="hinge" axis="0 1 0" damping=".5" armature=".02"/><geom type="capsule" size=".05" fromto="0 0 0 .1 0 -.4"/></body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("law", ["mujoco", "rigid", "spring-damper"])
+def test_no_motion_tells_the_common_factor(law: str, tmp_path: Path) -> None:
+    """Under every law of contact: springs and dampers are told in N, and scale with the masses that they carry."""
+    (tmp_path / "leg.xml").write_text(LEG)
+    scene = Scene.from_mjcf(tmp_path / "leg.xml", contact_law=law)
+    model = ComplementarityModel(scene)
+    (together,) = common_factors(scene.core, np.array([p.default for p in scene.parameters]))
+    scaled = model.parameters.copy()
+    scaled[together] *= 1.3
+    groups = {scene.parameters[k].group for k in together}
+    assert groups >= {"mass", "damping", "armature"}
+    assert ("contact_stiffness" in groups) == ("contact_damping" in groups) == (law == "spring-damper")
+    q, v = (torch.tensor([x], dtype=torch.float64) for x in ([-0.01, 0.1], [-1.0, 2.0]))
+    u = torch.zeros(1, 0, dtype=torch.float64)
+    step, other = model.step(q, v, u)[1], model.with_parameters(scaled).step(q, v, u)[1]
+    free = model.with_parameters(scaled).step(q + torch.tensor([[1.0, 0.0]]), v, u)[1]
+    assert (step - free).abs().max() > 0.1  # it touches
+    torch.testing.assert_close(other, step, rtol=1e-7, atol=1e-7)

@@ -17,9 +17,11 @@ import numpy as np
 
 from cmbrl.fitting.search.space import Space
 from cmbrl.scene.core.core_arrays import CoreArrays
+from cmbrl.scene.laws import CONTACT_LAWS
 from cmbrl.scene.records import WORLD, JointKind, TieKind
 
 _FORCES = ("armature", "damping", "stiffness", "frictionloss", "friction_slope", "stribeck")  # fields of a line
+_SPRINGS = ("solref0", "solref1")  # fields of a contact, which hold its stiffness and damping
 _GAINS = ("gain", "bias0", "bias1", "bias2")
 _FACTORS, _NARROWER = 40, 4  # tried at once; how often, each time between the neighbours of the best
 _FURTHEST, _SWEEPS, _SETTLED = 10.0, 30, 1e-3
@@ -94,7 +96,8 @@ def parameters_by_place(core: CoreArrays) -> dict[int, list[int]]:
 def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list[int]]) -> list[int]:
     """Offsets into P of every force on ``members`` but gravity; those that the file has not are 0 there.
 
-    An actuator scales by its gains together, or, where these are no parameters, by its gear.
+    An actuator scales by its gains together, or, where these are no parameters, by its gear. Of contacts, those of
+    springs and dampers count, whose forces are told in N; the softness of others is relative to masses.
     """
     layout, bodies, inside = core.layout, _bodies_of_lines(core), set(members)
     lines = [k for k, of in enumerate(bodies) if not inside.isdisjoint(of)]
@@ -106,6 +109,9 @@ def _force_places(core: CoreArrays, members: list[int], owner: Mapping[int, list
         dofs = core.wide_dof[core.wide_ptr[k] : core.wide_ptr[k + 1]]
         if (bodies[dofs[0]][0] if len(dofs) else int(core.wide_body[k])) in inside:
             places.append(layout.actuator(int(actuator), "gear"))
+    for k in np.flatnonzero(core.con_law == CONTACT_LAWS["spring-damper"]).tolist():
+        if not inside.isdisjoint((int(core.con_bodyA[k]), int(core.con_bodyB[k]))):
+            places += [int(layout.contacts(np.array([k]), field)[0]) for field in _SPRINGS]
     return places
 
 
