@@ -34,7 +34,7 @@ CUT = gzip.compress(b"{}")[:-9]
 DAMAGED = [b"", CUT, CUT[:12] + b"??????", *map(gzip.compress, (b"{", b"[]", b'{"key": 3}', b'{"key": ["a"]}'))]
 
 
-@pytest.mark.parametrize("damage", DAMAGED)
+@pytest.mark.parametrize("damage", DAMAGED, ids=range(len(DAMAGED)))
 def test_a_damaged_memory_is_made_anew(damage: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "memory.json.gz"
     file.write_bytes(damage)

@@ -41,7 +41,8 @@ def test_a_unit_that_is_off_goes_back_with_all_that_scales_by_it() -> None:
 
 LEG = """<mujoco><option timestep="0.005"/><worldbody><geom type="plane" size="5 5 .1"/><body pos="0 0 .45">
   <joint type="slide" axis="0 0 1"/><geom size=".1"/>
-  <body><joint type="hinge" axis="0 1 0" damping=".5" armature=".02"/><geom type="capsule" size=".05" fromto="0 0 0 .1 0 -.4"/></body></body></worldbody></mujoco>"""
+  <body><joint type="hinge" axis="0 1 0" damping=".5" armature=".02"/>
+  <geom type="capsule" size=".05" fromto="0 0 0 .1 0 -.4"/></body></body></worldbody></mujoco>"""
 
 
 @pytest.mark.parametrize("law", ["mujoco", "rigid", "spring-damper"])

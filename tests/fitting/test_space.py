@@ -92,7 +92,8 @@ def test_a_factor_is_open_only_when_every_force_is_free(carts):
 def test_bodies_that_touch_share_the_unit_of_force(carts):
     model = carts.model(2)
     space = Space.of(model.scene.parameters, model.parameters)
-    core = SimpleNamespace(**{**vars(model.scene.core), "con_bodyA": np.array([0]), "con_bodyB": np.array([1])})
+    touching = {"con_bodyA": np.array([0]), "con_bodyB": np.array([1]), "con_law": np.array([1])}
+    core = SimpleNamespace(**{**vars(model.scene.core), **touching})
     assert len(common_factors(core, np.ones(len(space), dtype=bool))) == 1
 
 
