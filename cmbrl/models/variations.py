@@ -117,11 +117,16 @@ class Variations(ABC):
         return found
 
     def _mujocos_step(self) -> Self | None:
-        """None where a setting was named that is not MuJoCo's, steps are too long for it, or it is this one."""
+        """None where a setting was named that is not MuJoCo's, steps are too long for it, or it is this one.
+
+        An integrator that was named for steps shorter than the file's does not count: those are a task's, for training.
+        """
         integrator = RK4 if self.scene.integrator == RK4 else "semi-implicit"
         theirs = {"sliding": "convex", "look_ahead": False, "damping": "split", "integrator": integrator}
         own = self._settings
-        named = any(own.given[name] not in (None, value) for name, value in theirs.items())
+        named = [name for name, value in theirs.items() if own.given[name] not in (None, value)]
+        if named == ["integrator"] and own.time_step < self.scene.timestep * (1.0 - TIME_STEP_TOLERANCE):
+            return self.in_steps_of_file()
         if self.scene.contact_law != "mujoco" or own.implicit_springs or named:
             return None
         made = self.with_settings(sliding="convex", integrator=integrator, smoothing=Exact(), backward_smoothing=None)
@@ -153,12 +158,16 @@ class Variations(ABC):
         )  # fmt: skip
         return None if theirs._settings.look_ahead or theirs.to_config() == self.to_config() else theirs
 
-    def for_training(self, smoothing: Smoothing) -> Self:
+    def for_training(self, smoothing: Smoothing, task: Self) -> Self:
         """This model's laws with ``smoothing``, one contact solve a step, and rows that look ahead where they can.
 
-        A policy needs fast steps, and gradients before something touches; a fit needs the step that the log has.
+        A policy needs fast steps, and gradients before something touches; a fit needs the step that the log has. Where
+        the steps of the ``task``'s model are shorter, it takes those, and their integrator.
         """
-        own = self._settings
+        own, its = self._settings, task._settings
+        if own.time_step > its.time_step * (1.0 + TIME_STEP_TOLERANCE):
+            steps = {"time_step": its.time_step, "substeps": its.substeps, "integrator": its.integrator}
+            return self.with_settings(**steps).for_training(smoothing, task)
         integrator = "leapfrog" if own.integrator == RK4 else own.integrator
         usual = self.with_settings(
             integrator=integrator, smoothing=smoothing, backward_smoothing=None,

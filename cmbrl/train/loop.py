@@ -126,7 +126,7 @@ class Loop(Trainer):
         fitted = self.fitted.uncertain_model(self.config.draws, self.seed)
         if fitted.scene.nq > self.nominal.scene.nq:  # of the file with play
             fitted = without_play(fitted, self.nominal.scene)
-        fitted = fitted.for_training(self.nominal.smoothing)
+        fitted = fitted.for_training(self.nominal.smoothing, self.nominal)
         self.model = fitted.with_settings(backward_smoothing=self.nominal.backward_smoothing)
 
     def _choose_observations(self, model: ComplementarityModel) -> None:

@@ -55,7 +55,7 @@ def load_model(
     from cmbrl.contact.smoothing import Relaxed, parse_smoothing
     from cmbrl.models.complementarity import ComplementarityModel
     from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
-    from cmbrl.models.named import holds_fit, named_model
+    from cmbrl.models.named import holds_fit, named_model, nominal_model
 
     if smoothing is not None and kind_of(word) not in (kinds.CONTACT, kinds.RESIDUAL):
         raise UserError(f"--smoothing does not apply to an ensemble ({word}): drop it")
@@ -70,7 +70,7 @@ def load_model(
     model = named_model(word, task, policy, threads, candidates)
     if word == NOMINAL or not isinstance(model, ComplementarityModel):
         return model
-    return model.for_training(policy or Relaxed(task.smoothing_speed))
+    return model.for_training(policy or Relaxed(task.smoothing_speed), nominal_model(task, model.scene))
 
 
 def with_derivative(model: object, text: str, seed: int, refits: bool) -> DerivativeModel:

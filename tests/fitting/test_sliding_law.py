@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 import cmbrl
 from cmbrl.contact import Exact, Relaxed
@@ -20,6 +21,8 @@ from cmbrl.fitting.log.sliding import rivals, supported_sliding
 from cmbrl.fitting.log.survey import Surveyor
 from cmbrl.fitting.outcome.report_text import render
 from cmbrl.fitting.state import Journal, OutOfTime
+from cmbrl.models.named import nominal_model
+from cmbrl.registry import load_task
 
 from .pushed_box import PUSHER, pushes
 from .test_fit_hidden import recorded, scene
@@ -118,12 +121,12 @@ def test_a_file_that_asks_for_rk4_is_tried_under_it(tmp_path: Path) -> None:
     model = cmbrl.ComplementarityModel(open_scene, smoothing=soft)
     theirs = model.rivals()["mujoco"]
     assert (model.integrator, theirs.integrator, theirs.smoothing) == ("leapfrog", "rk4", Exact())
-    trained = theirs.for_training(soft)
+    trained = theirs.for_training(soft, model)
     assert (trained.integrator, trained.look_ahead, trained.sliding) == ("leapfrog", True, "convex")
     assert trained.smoothing == trained.backward_smoothing == soft
     by_euler = cmbrl.ComplementarityModel(scene(tmp_path, PUCK)).rivals()["mujoco"]
     assert not by_euler.look_ahead
-    assert by_euler.for_training(soft).look_ahead
+    assert by_euler.for_training(soft, model).look_ahead
     named = cmbrl.ComplementarityModel(open_scene, integrator="leapfrog")
     assert list(named.rivals()) == ["convex"]
     assert list(model.with_settings(time_step=0.008).rivals()) == ["mujoco", "convex"]
@@ -131,6 +134,20 @@ def test_a_file_that_asks_for_rk4_is_tried_under_it(tmp_path: Path) -> None:
     assert list(long.rivals()) == ["convex"]
     assert not cmbrl.ComplementarityModel(open_scene, sliding="coulomb").rivals()
     assert not theirs.rivals()
+
+
+def test_a_task_in_shorter_steps_than_its_file_is_tried_under_the_file_s() -> None:
+    """Ant's model takes Euler steps of 5 ms for its policies, its file RK4 steps of 10 ms."""
+    task = load_task("ant")
+    model, log = nominal_model(task, threads=1), task.record(100, seed=1)
+    theirs = model.rivals()["mujoco"]
+    q, v = theirs.step(*(torch.from_numpy(x) for x in (log.q, log.v, log.u)))
+    assert np.abs(q.numpy() - log.q_next).max() < 1e-6
+    assert np.abs(v.numpy() - log.v_next).max() < 1e-5
+    assert (theirs.dt, model.dt) == pytest.approx((log.dt, log.dt))
+    trained = theirs.for_training(model.smoothing, model)
+    assert trained.to_config() == model.to_config()
+    assert list(model.with_settings(time_step=0.01, substeps=5).rivals()) == []
 
 
 @pytest.mark.parametrize(
