@@ -21,7 +21,7 @@ from .folders_victims import VICTIMS
 from .judge import REFUSED, command
 
 NEEDS = {"minari, load": ("minari", "h5py"), "train, resume": ("gymnasium",), "policy, play": ("gymnasium",)}
-QUICK = ("fit, load", "fit, resume", "policy, export", "ensemble, error", "minari, load")
+QUICK = ("fit, load", "policy, export", "ensemble, error", "minari, load")
 
 
 def _check(name: str, seeds: range, place: Path) -> None:

@@ -48,8 +48,7 @@ def test_rounds_trials_and_transitions_are_counted(make_loop):
     assert loop.round == 2
     fitted = loop.model
     assert fitted is not None
-    between = len(fitted.observer.parameters)  # delay, lag and biases of each
-    assert fitted.candidates.shape == (8, len(fitted.parameters) + between)
+    assert fitted.candidates.shape == (8, len(fitted.parameters))  # a prompt robot: of delay and lag, the sum is told
     assert not np.allclose(fitted.parameters, loop.nominal.parameters)
 
 
