@@ -17,8 +17,8 @@ A fit moves what held-out errors call for. What it leaves at the file's value ma
 prior, and others make up for it: a centre of mass for a payload, say. So A has the columns of all that might have been
 fitted, and a parameter's interval is as wide as if all of them had been.
 
-A log without noise tells some combinations 1e20 times as well as the prior, and the unit of force not at all: F and K
-have no common digits in doubles. So everything is computed from square roots of them (``square_root``).
+A log without noise tells some combinations 1e15 times as well as the prior, or better, and the unit of force not at
+all: F + K holds no digit of K in doubles. So everything is computed from square roots of both (``square_root``).
 """
 
 from __future__ import annotations

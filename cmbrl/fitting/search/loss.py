@@ -160,8 +160,7 @@ class PredictionLoss:
     ) -> NormalEquations:
         """The Gauss-Newton model at ``z`` (n,), from the implicit derivatives of the step.
 
-        ``active`` (n,): parameters to differentiate by; the others get zeros. Default: all. ``rooted``: with its root,
-        which takes about twice the time that the hessian alone takes.
+        ``active`` (n,): parameters to differentiate by; the others get zeros. Default: all. ``rooted``: with its root.
         """
         scales, all_starts, blocks = self.windows.scales, self.windows.starts, self.windows.blocks
         columns = np.arange(len(space)) if active is None else np.flatnonzero(active)

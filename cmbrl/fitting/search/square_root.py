@@ -1,7 +1,7 @@
 """Square roots of information: matrices R with R^T R = H, in which what a log hardly tells is not lost in rounding.
 
-A log without noise tells some combinations of parameters 1e20 times as well as the prior does, and others not at all.
-H holds both in doubles only where they differ by less than 1e16; R holds the roots of both.
+A log without noise tells some combinations of parameters 1e15 times as well as the prior does, or better, and others
+not at all. H holds both in doubles only where they differ by less than 1e16; R holds the roots of both.
 """
 
 from __future__ import annotations
