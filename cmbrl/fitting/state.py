@@ -127,6 +127,13 @@ class Journal:
         finally:
             self._end = before
 
+    @contextmanager
+    def within(self, share: float) -> Iterator[None]:
+        """``until`` a ``share`` of the time that is left has been spent."""
+        left = None if self._end is None else self.spent + share * max(self._end - self.spent, 0.0)
+        with self.until(left):
+            yield
+
     def check_time(self) -> None:
         """Raises OutOfTime if the part of the work that runs has had its time."""
         if self._end is not None and self.spent > self._end:

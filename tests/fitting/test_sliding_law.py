@@ -158,13 +158,15 @@ def test_both_fits_go_on_where_they_hardly_differ(
 ) -> None:
     asked = []
 
-    def score_after(surveyor: Surveyor, _: int, longer: bool = False) -> float:
-        asked.append(longer)
+    def score_at(surveyor: Surveyor, z: np.ndarray) -> float:
+        asked.append(longer := bool(z.any()))
         error = long if longer else short
         assert error is not None
         return float(np.log(error)) if surveyor.label else 0.0
 
-    monkeypatch.setattr(Surveyor, "score_after", score_after)
+    monkeypatch.setattr(Surveyor, "in_time", lambda surveyor, steps: {steps: np.zeros_like(surveyor.begin)})
+    monkeypatch.setattr(Surveyor, "fitted_to", lambda surveyor, _, longer: np.full_like(surveyor.begin, longer))
+    monkeypatch.setattr(Surveyor, "score_at", score_at)
     monkeypatch.setattr(Surveyor, "explains", lambda *_: False)
     found, told = chosen(*log_of(tmp_path))
     assert told is not None
@@ -180,15 +182,15 @@ def test_of_positions_a_law_that_lags_goes_on_from_where_the_own_one_led(
 ) -> None:
     begins: dict[str, float] = {}
 
-    def score_after(surveyor: Surveyor, _: int, longer: bool = False) -> float:
-        assert not longer
+    def score_at(surveyor: Surveyor, _: np.ndarray) -> float:
         begins[surveyor.label] = surveyor.begin[0]
         error = on if "on, " in surveyor.label else short
         assert error is not None
         return float(np.log(error)) if surveyor.label.startswith("mujoco") else 0.0
 
-    monkeypatch.setattr(Surveyor, "score_after", score_after)
-    monkeypatch.setattr(Surveyor, "fitted_to", lambda surveyor, *_: surveyor.begin + 0.25)
+    monkeypatch.setattr(Surveyor, "in_time", lambda surveyor, steps: {steps: surveyor.begin})
+    monkeypatch.setattr(Surveyor, "score_at", score_at)
+    monkeypatch.setattr(Surveyor, "fitted_to", lambda surveyor, _, longer=False: surveyor.begin + 0.25)
     model, log = log_of(tmp_path)
     found, told = chosen(model, poses(model, log, 0.0))
     assert told is not None
@@ -236,30 +238,62 @@ def test_a_box_that_is_pushed_tells_the_law(tmp_path: Path, noise: float) -> Non
     assert found.evidence.model.sliding == "convex"
 
 
-def test_laws_that_were_fitted_in_time_are_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("theirs", "ours", "told"),
+    [((1, 4), (1, 4), 4), ((1, 4), (1,), 1), ((1,), (1, 4), 1), ((1, 4), (), None), ((), (1, 4), None)],
+)
+def test_laws_are_compared_as_far_as_there_was_time_for_both(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, theirs: tuple[int, ...], ours: tuple[int, ...], told: int | None
+) -> None:
     """MuJoCo's step first, which the logs of simulators call for."""
-    evidence = Evidence.of(
-        cmbrl.ComplementarityModel(scene(tmp_path, PUSHER.format(floor=0.6, mass=0.4))), pushes(4, 60)
-    )
-    scores = iter([-2.0, -1.0])
 
-    def scored(_: Surveyor, *__: Any) -> float:
-        if (score := next(scores, None)) is None:
-            raise OutOfTime
-        return score
+    def in_time(surveyor: Surveyor, _: int) -> dict[int, np.ndarray]:
+        steps = {"": ours, "mujoco: ": theirs}.get(surveyor.label, ())
+        return {h: np.full_like(surveyor.begin, h) for h in steps}
 
-    monkeypatch.setattr(Surveyor, "score_after", scored)
+    monkeypatch.setattr(Surveyor, "in_time", in_time)
+    monkeypatch.setattr(Surveyor, "score_at", lambda surveyor, z: -z[0] if surveyor.label else 0.0)
     monkeypatch.setattr(Surveyor, "explains", lambda *_: False)
-    begin = np.zeros(len(evidence.space))
-    surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 4, 0, 2000, 8, Journal(None, ""))
-    found = supported_sliding(surveyor, (1, 4))
-    assert found.told == {"tried": "mujoco", "own": "coulomb", "relative_error": np.exp(-1.0), "taken": True}
-    assert supported_sliding(surveyor, (1, 4)).told is None  # no time for any
-    scores = iter([-9.0])
+    found = supported_sliding(pushed(tmp_path), (1, 4)).told
+    error = (
+        None if told is None else {"tried": "mujoco", "own": "coulomb", "relative_error": np.exp(-told), "taken": True}
+    )
+    assert found == error
+
+
+def test_a_law_that_explains_the_log_is_taken_without_time_for_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def in_time(surveyor: Surveyor, steps: int) -> dict[int, np.ndarray]:
+        return {steps: surveyor.begin} if surveyor.label == "mujoco: " else {}
+
+    monkeypatch.setattr(Surveyor, "in_time", in_time)
+    monkeypatch.setattr(Surveyor, "score_at", lambda *_: -9.0)
     monkeypatch.setattr(Surveyor, "explains", lambda *_: True)
-    found = supported_sliding(surveyor, (1, 4))  # no time for the own law, which could not be better
+    found = supported_sliding(pushed(tmp_path), (1, 4))
     assert found.told is not None
     assert (found.told["tried"], found.told["taken"]) == ("mujoco", True)
+
+
+def test_fits_that_time_ends_are_known_as_far_as_they_went(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fitted(_: Surveyor, name: str, horizon: int, noise: np.ndarray | None, z: np.ndarray, *others: Any, **__: Any):
+        if horizon > 1:
+            raise OutOfTime
+        return z + 1.0
+
+    monkeypatch.setattr(Surveyor, "_fit", fitted)
+    surveyor = pushed(tmp_path)
+    found = surveyor.in_time(4)
+    assert list(found) == [1]
+    np.testing.assert_array_equal(found[1], surveyor.begin + 1.0)
+
+
+def pushed(folder: Path) -> Surveyor:
+    """Of a box that was pushed."""
+    model = cmbrl.ComplementarityModel(scene(folder, PUSHER.format(floor=0.6, mass=0.4)))
+    evidence = Evidence.of(model, pushes(4, 60))
+    begin = np.zeros(len(evidence.space))
+    return Surveyor(evidence, evidence.space.default, begin, 0.5, 4, 0, 2000, 8, Journal(None, ""))
 
 
 def test_where_a_law_explains_the_log_the_others_are_not_surveyed(tmp_path: Path) -> None:

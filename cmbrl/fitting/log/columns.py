@@ -34,6 +34,7 @@ _CLEARLY = 0.8  # of the file's loss by the columns as they are
 _SURELY = 0.33  # of that loss after a fit of all parameters both ways, and of holding
 _AHEAD = 10  # steps of states
 _ROWS, _ITERATIONS, _PASSES = 3000, 12, 2
+_SCREENED = 24  # windows that drop a doubt under which they are predicted no better: many joints make a hundred doubts
 
 
 @dataclass(frozen=True)
@@ -59,12 +60,15 @@ class ColumnsCheck:
         badly = np.flatnonzero(own > _BADLY * held)  # False of those that are not compared
         if not 0 < len(badly) <= MOST:
             return None
+        rows = min(_ROWS, _SCREENED * horizon)
+        few = self._by_coordinate(self._loss(horizon, rows=rows), space.nominal)
         best: tuple[float, Doubt | Misread, PredictionLoss, np.ndarray] | None = None
         for doubt in self._doubts(joints, turns, badly):
-            loss = self._loss(horizon, doubt.resolved(self.evidence.log))
-            touched = np.array(doubt.dofs) if doubt.dofs else badly
-            other = self._by_coordinate(loss, space.nominal)
-            share, of_touched = (other[some].sum() / own[some].sum() for some in (slice(None), touched))
+            log, touched = doubt.resolved(self.evidence.log), np.array(doubt.dofs) if doubt.dofs else badly
+            if rows < _ROWS and min(self._shares(self._loss(horizon, log, rows), few, touched)) >= 1.0:
+                continue
+            loss = self._loss(horizon, log)
+            share, of_touched = self._shares(loss, own, touched)
             if min(share, of_touched) < _CLEARLY and (best is None or share < best[0]):
                 best = share, doubt, loss, touched
         if best is None:
@@ -108,10 +112,15 @@ class ColumnsCheck:
             yield from of_columns(scene, joints, [joint for joint in self._told() if joint.vadr in badly], positions)
         yield from of_turns([joint for joint in turns if np.isin(joint.dofs, badly).any()], positions)
 
-    def _loss(self, horizon: int, log: Transitions | None = None) -> PredictionLoss:
-        """Of predictions of ``log``; None: of the evidence's."""
+    def _shares(self, loss: PredictionLoss, own: np.ndarray, touched: np.ndarray) -> tuple[float, float]:
+        """Of the ``own`` losses (nv,), what those of ``loss`` are by the file: of all, and of those ``touched``."""
+        other = self._by_coordinate(loss, self.evidence.space.nominal)
+        return other.sum() / own.sum(), other[touched].sum() / own[touched].sum()
+
+    def _loss(self, horizon: int, log: Transitions | None = None, rows: int = _ROWS) -> PredictionLoss:
+        """Of predictions of ``rows`` of ``log``; None: of the evidence's."""
         evidence = self.evidence if log is None else replace(self.evidence, log=log)
-        starts = draw_starts(self.evidence.log, horizon, _ROWS, self.seed)
+        starts = draw_starts(self.evidence.log, horizon, rows, self.seed)
         return evidence.loss(starts, horizon, *map(self._alike, evidence.scales(horizon, self.huber)))
 
     def _alike(self, scales: Scales) -> Scales:

@@ -24,6 +24,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 _CLEARLY_BETTER = 0.97  # times the error under the own law
 _OPEN = 0.9, 1.1  # between these, short fits say little: the wrong law shows when all else is right
 _LAGGING = 3.0  # the same above, of positions
+_FIRST = 0.5  # of the time, for the rival that is fitted first
 _STEPS = 4  # of the first fits, at most: contacts show in them, and impacts do not rule
 _OWN = "own"
 _WORDS = {
@@ -113,22 +114,41 @@ def _relative_errors(
     The first of them is fitted first. Where a law explains the log, no other can be clearly better: the own is fitted
     plainly, to compare, or not at all when time is up, and those that would follow are not.
     """
-    first, *others = rivals
-    scores: dict[str, float] = {}
-    explained = False
-    with suppress(OutOfTime):
-        scores[first] = rivals[first].score_after(steps, longer)
-        explained = rivals[first].explains(steps)
-        scores[_OWN] = (own.plain if explained else own).score_after(steps, longer)
-        if not explained and not own.explains(steps):
-            for name in others:
-                scores[name] = rivals[name].score_after(steps, longer)
-    if explained and _OWN not in scores:
-        scores[_OWN] = own.score_before()
+    scores = _scores_after_more(rivals, own, steps) if longer else _scores(rivals, own, steps)
     before = scores.pop(_OWN, None)
     if before is None:
         return {}
     return {name: float(np.nan_to_num(np.exp(score - before), nan=np.inf)) for name, score in scores.items()}
+
+
+def _scores(rivals: Mapping[str, Surveyor], own: Surveyor, steps: int) -> dict[str, float]:
+    """Held-out errors by law, after fits over as many steps as there was time for under both of the first two."""
+    first, *others = rivals
+    with own.journal.within(_FIRST):
+        theirs = rivals[first].in_time(steps)
+    explained = steps in theirs and rivals[first].explains(steps, theirs[steps])
+    ours = (own.plain if explained else own).in_time(steps)
+    if explained and steps not in ours:
+        return {first: rivals[first].score_at(theirs[steps]), _OWN: own.score_before()}
+    both = theirs.keys() & ours.keys()
+    if not both:
+        return {}
+    h = max(both)
+    scores = {first: rivals[first].score_at(theirs[h]), _OWN: own.score_at(ours[h])}
+    if h == steps and not explained and not own.explains(steps, ours[steps]):
+        for name in others:
+            if steps in (found := rivals[name].in_time(steps)):
+                scores[name] = rivals[name].score_at(found[steps])
+    return scores
+
+
+def _scores_after_more(rivals: Mapping[str, Surveyor], own: Surveyor, steps: int) -> dict[str, float]:
+    """The same where longer fits lead; of some laws only, or none, when time is up."""
+    scores: dict[str, float] = {}
+    with suppress(OutOfTime):
+        for name, one in {**rivals, _OWN: own}.items():
+            scores[name] = one.score_at(one.fitted_to(steps, longer=True))
+    return scores
 
 
 def label(law: str) -> str:

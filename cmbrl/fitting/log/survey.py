@@ -135,29 +135,40 @@ class Surveyor:
         """Mean logarithm of the held-out errors at all horizons, where fits begin."""
         return score(self._judges, self.evidence.space.theta(self.begin))
 
-    def score_after(self, horizon: int, longer: bool = False) -> float:
-        """The same where ``fitted_to`` leads."""
-        return score(self._judges, self.evidence.space.theta(self.fitted_to(horizon, longer)))
+    def score_at(self, z: np.ndarray) -> float:
+        """The same at ``z`` (n,)."""
+        return score(self._judges, self.evidence.space.theta(z))
 
     def fitted_to(self, horizon: int, longer: bool = False) -> np.ndarray:
         """Where (n,) fits up to the ``horizon`` lead, as ``run`` begins.
 
         ``longer``: as many iterations again, and once more; of a noisy log over the next horizons, where less of what
-        is compared is noise.
+        is compared is noise. Raises OutOfTime.
         """
-        first = () if self.evidence.positions_only else (1,)
         noise = self._noise(self.evidence.space.nominal)
-        z = dict(self._fitted_over(sorted({*first, horizon}), noise))[horizon]
+        z = dict(self._fitted_over(self._up_to(horizon), noise))[horizon]
         further = [] if noise is None else [h for h in self.possible(self.evidence.horizons("auto")) if h > horizon]
         for again, h in zip(("on", "further"), [*further, horizon, horizon], strict=False) if longer else ():
             z = self._fit(f"survey of {h} steps, {again}", h, noise, z)
         return z
 
-    def explains(self, horizon: int) -> bool:
-        """Whether what ``fitted_to`` leaves of a log without noise is no more than the solver's accuracy does."""
+    def in_time(self, horizon: int) -> dict[int, np.ndarray]:
+        """Where (n,) each of these fits up to the ``horizon`` leads, by its steps, as far as there is time."""
+        found: dict[int, np.ndarray] = {}
+        with suppress(OutOfTime):
+            for h, z in self._fitted_over(self._up_to(horizon), self._noise(self.evidence.space.nominal)):
+                found[h] = z
+        return found
+
+    def _up_to(self, horizon: int) -> list[int]:
+        first = () if self.evidence.positions_only else (1,)
+        return sorted({*first, horizon})
+
+    def explains(self, horizon: int, z: np.ndarray) -> bool:
+        """Whether a fit at ``z`` (n,) leaves no more of a log without noise than the solver's accuracy does."""
         if self.evidence.positions_only or self._noise(self.evidence.space.nominal) is not None:
             return False
-        return self._ways(horizon, None).is_exact(self.fitted_to(horizon))
+        return self._ways(horizon, None).is_exact(z)
 
     def same(self, other: ComplementarityModel, horizon: int) -> bool:
         """Whether an ``other`` model of the same parameters predicts the log from the beginning as its own does."""
