@@ -6,6 +6,7 @@ what ``cmbrl.scene.forces.activation`` says, in every physics step, with command
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,7 +70,12 @@ class Activations:
             now = torch.clamp(now + moved, *self.limits)
         return now
 
-    def along(
+    def along(self, episode: np.ndarray, control: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Controls (N, nu + na) of a log's rows ``control`` (N, nu), with their activations, as ``slopes_along``."""
+        nothing = np.zeros((*control.shape, 0))
+        return self._followed(episode, control, nothing, times)[0]
+
+    def slopes_along(
         self, episode: np.ndarray, control: np.ndarray, slope: np.ndarray, times: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (N, nu + na) of a log's rows with their activations, 0 at the first row of an episode.
@@ -77,27 +83,67 @@ class Activations:
         control (N, nu), and its derivatives slope (N, nu, n) in psi, whose last columns are the time constants
         ``times`` (nt,); returns the derivatives (N, nu + na, n) too.
         """
+        return self._followed(episode, control, slope, times)
+
+    def _followed(
+        self, episode: np.ndarray, control: np.ndarray, slope: np.ndarray, times: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         firsts = np.flatnonzero(np.r_[True, np.diff(episode) != 0])
         lengths = np.diff(np.append(firsts, len(episode)))
-        own, states = self.actuator.numpy(), range(control.shape[1], control.shape[1] + len(self))
+        own, nu, n = self.actuator.numpy(), control.shape[1], slope.shape[2]
+        command = np.clip(control[:, own], *(bound.numpy() for bound in self.control))
+        of_command = slope[:, own] * (command == control[:, own])[..., None]
         rows = np.concatenate([control, np.zeros((len(control), len(self)))], axis=1)
-        slopes = np.concatenate([slope, np.zeros((len(slope), len(self), slope.shape[2]))], axis=1)
-        theta = np.zeros(max(self.column) + 1)
-        theta[[k for k in self.column if k >= 0]] = times
-        of_times = [(k, c) for k, c in enumerate(self.column) if c >= 0]
+        slopes = np.concatenate([slope, np.zeros((len(slope), len(self), n))], axis=1)
+        of_times = [k for k, c in enumerate(self.column) if c >= 0]
+        clocks = np.arange(n - len(of_times), n)
+        move = self._move(times)
         for step in range(lengths.max() - 1):
             here = firsts[lengths > step + 1] + step
-            given = torch.from_numpy(rows[here]).requires_grad_()
-            clocks = torch.from_numpy(np.tile(theta, (len(here), 1))).requires_grad_()
-            after = self.next(given, clocks)
-            by_input, by_time = torch.autograd.grad(after.sum(), (given, clocks), materialize_grads=True)
-            rows[here + 1, states.start :] = after.detach().numpy()
-            by_now, by_command = by_input.numpy()[:, states], by_input.numpy()[:, own]
-            moved = by_now[..., None] * slopes[here][:, states] + by_command[..., None] * slopes[here][:, own]
-            for n, (k, column) in enumerate(of_times):
-                moved[:, k, slope.shape[2] - len(of_times) + n] += by_time.numpy()[:, column]
-            slopes[here + 1, states.start :] = moved
+            after, by_now, by_command, by_time = move(rows[here, nu:], command[here])
+            rows[here + 1, nu:] = after
+            if n:
+                moved = by_now[..., None] * slopes[here, nu:] + by_command[..., None] * of_command[here]
+                moved[:, of_times, clocks] += by_time[:, of_times]
+                slopes[here + 1, nu:] = moved
         return rows, slopes
+
+    def _move(self, times: np.ndarray) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, ...]]:
+        """``next`` at the time constants ``times`` (nt,) that are parameters, for arrays, with its derivatives.
+
+        From activations and commands within their bounds (B, na) to what follows, and what that gains with each of
+        them and with the time constant.
+        """
+        theta = np.zeros(max(self.column) + 1)
+        theta[[k for k in self.column if k >= 0]] = times
+        clock = torch.from_numpy(theta).requires_grad_()
+        shares = self._share(clock)
+        share, by_clock = shares.detach().numpy(), np.zeros(len(self))
+        for k, column in enumerate(self.column):
+            if column >= 0:
+                by_clock[k] = torch.autograd.grad(shares[k], clock, retain_graph=True)[0][column].item()
+        integrates = np.array([k == Dynamics.INTEGRATOR for k in self.dynamics])
+        share, by_clock = (np.where(integrates, 0.0, x) for x in (share, by_clock))
+        step, substeps = self.step, self.substeps
+        low, high = (bound.numpy() for bound in self.limits)
+        if (share <= 1.0).all() and (low <= 0.0).all() and (high >= 0.0).all():
+            # None passes its command on the way, nor a limit and back: one step is as good as all of them.
+            left, step, substeps = (1.0 - share) ** (substeps - 1), substeps * step, 1
+            share, by_clock = 1.0 - left * (1.0 - share), self.substeps * left * by_clock
+        gain = np.where(integrates, step, share)
+
+        def moved(now: np.ndarray, command: np.ndarray) -> tuple[np.ndarray, ...]:
+            by_now, by_command, by_time = np.ones_like(now), np.zeros_like(now), np.zeros_like(now)
+            for _ in range(substeps):
+                after = now + gain * command - share * now
+                by_time = (1.0 - share) * by_time + by_clock * (command - now)
+                by_command = (1.0 - share) * by_command + gain
+                now = np.clip(after, low, high)
+                free = now == after
+                by_now, by_command, by_time = free * (1.0 - share) * by_now, free * by_command, free * by_time
+            return now, by_now, by_command, by_time
+
+        return moved
 
     def _share(self, theta: Tensor | None) -> Tensor:
         """Of the way to the command that a filter goes in a physics step: (na,) or (B, na)."""

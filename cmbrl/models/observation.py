@@ -132,13 +132,21 @@ class Observation:
         q, q_next = part.q.copy(), part.q_next.copy()
         q[:, self.joints_q] -= bias
         q_next[:, self.joints_q] -= bias
-        return replace(part, q=q, q_next=q_next, u=self.controls(log, psi, rows)[0])
+        return replace(part, q=q, q_next=q_next, u=self.commands(log, psi, rows))
 
     def state_slope(self, nv: int) -> np.ndarray:
         """Derivative (2 nv, n + nt) in psi of the state (q, v) that a log tells."""
         slope = np.zeros((2 * nv, len(self) + len(self.times)))
         slope[self.joints_v, np.arange(len(self.joints_v))] = -1.0
         return slope
+
+    def commands(self, log: Transitions, psi: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
+        """Controls (R, nu + na) at ``psi`` (n + nt,) of ``rows`` (R,), or of all, without their derivatives."""
+        if self.activations is None or log.u.shape[1] == 0:
+            return self.controls(log, psi, rows)[0]
+        every = np.arange(len(log))
+        found = self.activations.along(log.episode, self._commanded(log, psi, every)[0], psi[len(self) :])
+        return found if rows is None else found[rows]
 
     def controls(
         self, log: Transitions, psi: np.ndarray, rows: np.ndarray | None = None
@@ -152,7 +160,9 @@ class Observation:
         if log.u.shape[1] == 0:
             return log.u[rows], np.zeros((len(rows), 0, len(psi)))
         if self.activations is not None:  # they follow from all that came before
-            found = self.activations.along(log.episode, *self._commanded(log, psi, np.arange(len(log))), psi[own:])
+            found = self.activations.slopes_along(
+                log.episode, *self._commanded(log, psi, np.arange(len(log))), psi[own:]
+            )
             return found[0][rows], found[1][rows]
         return self._commanded(log, psi, rows)
 

@@ -143,6 +143,38 @@ def test_a_process_on_the_robot_carries_its_activations(tmp_path: Path) -> None:
     assert simulation.robots.memory.abs().sum() == 0  # the next episode begins at rest
 
 
+BETWEEN = '<general joint="elbow" dyntype="filter" dynprm=".02" actlimited="true" actrange=".1 .6" gainprm="3"/>'
+HASTY = '<general joint="elbow" dyntype="filter" dynprm=".006" actlimited="true" actrange="-.4 .6" gainprm="3"/>'
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "limits that leave 0 out", "shorter than a step"])
+def test_along_a_log_they_are_those_of_its_steps(kind: str, tmp_path: Path) -> None:
+    """From 0 in each episode, and with the derivatives that differences have."""
+    path = tmp_path / "arm.xml"
+    actuators = {"limits that leave 0 out": BETWEEN, "shorter than a step": HASTY} | KINDS
+    path.write_text(ARM.format(integrator="Euler", actuators=actuators[kind]), encoding="utf-8")
+    model = ComplementarityModel(Scene.from_mjcf(path), substeps=3)
+    activations, nu, rng = model.activations, model.scene.nu, np.random.default_rng(0)
+    assert activations is not None
+    episode, control = np.repeat([0, 1, 4], [7, 1, 5]), rng.normal(size=(13, nu))
+    columns = [k for k in activations.column if k >= 0]
+    times = model.parameters[columns]
+    rows = activations.along(episode, control, times)
+    now = np.zeros((1, len(activations)))
+    for k, row in enumerate(rows):
+        now = now if k and episode[k] == episode[k - 1] else np.zeros_like(now)
+        np.testing.assert_allclose(row[nu:], now[0], atol=1e-14)
+        now = activations.next(torch.from_numpy(np.append(control[k], now)[None])).numpy()
+    slope = np.concatenate([rng.normal(size=(13, nu, 2)), np.zeros((13, nu, len(times)))], axis=2)
+    same, found = activations.slopes_along(episode, control, slope, times)
+    np.testing.assert_array_equal(same, rows)
+    for n, psi in enumerate(np.eye(slope.shape[2]) * 1e-7):
+        ahead, behind = (
+            activations.along(episode, control + sign * slope @ psi, times + sign * psi[2:]) for sign in (1.0, -1.0)
+        )
+        np.testing.assert_allclose(found[:, :, n], (ahead - behind) / 2e-7, atol=1e-6, rtol=1e-6)
+
+
 def test_ignored_they_act_at_once_and_muscles_are_refused_by_name(tmp_path: Path) -> None:
     file = write(tmp_path, "filter")
     scene = Scene.from_mjcf(file, ignore="actuator_dynamics")
