@@ -60,13 +60,16 @@ class Lineariser:
         touched = _touched(steps, first)
         told = np.union1d(touched, self.of_log)
         model_columns, log_columns = np.searchsorted(told, touched), np.searchsorted(told, self.of_log)
+        begun = np.append(log_columns, len(told) + np.arange(len(uncertain)))  # what the starts depend on
+        start = np.concatenate([self.bias, np.eye(2 * nv)[:, uncertain]], axis=1)
         state = np.zeros((len(starts), 2 * nv, len(told) + len(uncertain)))
-        state[:, :, log_columns] = self.bias
-        state[:, uncertain, len(told) + np.arange(len(uncertain))] = 1.0
         slopes = np.empty((len(starts), len(steps), int(counts.sum()), state.shape[2]))
         for j, step in enumerate(steps):
             assert step.jacobian is not None
-            state = step.jacobian[:, :, : 2 * nv] @ state
+            if j == 0:
+                state[:, :, begun] = step.jacobian[:, :, : 2 * nv] @ start
+            else:
+                state = step.jacobian[:, :, : 2 * nv] @ state
             state[:, :, model_columns] += step.jacobian[:, :, first + touched]
             if self.controls is not None:
                 state[:, :, log_columns] += step.jacobian[:, :, 2 * nv : first] @ self.controls[starts + j]
