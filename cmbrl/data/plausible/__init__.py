@@ -65,6 +65,7 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
         units.of_commands(found, answers),
         units.beyond_limits(found),
         units.mirrored(found),
+        units.past_stops(found),
         still.stuck(found),
         units.turns(found),
         still.joined(found),

@@ -18,6 +18,7 @@ OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far be
 ROWS = 50  #: fewer do not show how columns go together
 WRONG_RATE = 0.15  #: relative; estimated velocities and large steps stay below
 SELDOM = 0.5  #: [s] from sample to sample: no encoder that a fit could use is read so seldom
+PAST = 0.05  #: share of samples beyond the limits of a joint that no stop holds
 CLOCKS = {1e9: "nanoseconds", 1e6: "microseconds", 1e3: "milliseconds"}  #: numbers in one second
 RATES = 1e-4, 0.1  #: [s] steps of logs that robots write
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
@@ -63,16 +64,43 @@ def mirrored(motion: Motion) -> Iterator[Finding]:
     """
     for k, coordinate in enumerate(motion.coordinates):
         q, low, high = motion.now[:, k], coordinate.low, coordinate.high
-        room = 0.1 * (high - low)
-        one_sided = np.isfinite(room) and (low > -room or high < room)
-        beyond = (q < low - room) | (q > high + room)
-        if one_sided and len(q) and beyond.mean() > OFTEN and (-q > low - room).all() and (-q < high + room).all():
+        if _mirrored(q, low, high):
             yield Finding(
                 f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g} where the file's limits are "
                 f"{low:.3g} and {high:.3g}: does it count the other way, or from another zero? Give --map "
                 f"COLUMN={coordinate.name}.position:- (or :+X, what to add) to `cmbrl import`, and so for its command",
                 sure=False,
             )
+
+
+def past_stops(motion: Motion) -> Iterator[Finding]:
+    """A warning of joints that go on beyond limits, as those do that turn freely.
+
+    A blow may throw a joint through a stop of a simulation, but not for long.
+    """
+    for k, coordinate in enumerate(motion.coordinates):
+        q, low, high = motion.now[:, k], coordinate.low, coordinate.high
+        share = _beyond(q, low, high)
+        if share > PAST and not _mirrored(q, low, high):
+            yield Finding(
+                f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g}, and in {100 * share:.0f} % of the "
+                f"samples lies far beyond the file's limits {low:.3g} and {high:.3g}: in simulation a stop holds what "
+                "the robot does not hold. Widen the range in the file, or take it out if the joint turns freely",
+                sure=False,
+            )
+
+
+def _beyond(q: np.ndarray, low: float, high: float) -> float:
+    """Share of ``q`` (R,) that lies beyond limits by more than a tenth of the range; 0 without limits."""
+    room = 0.1 * (high - low)
+    return float(np.mean((q < low - room) | (q > high + room))) if np.isfinite(room) and len(q) else 0.0
+
+
+def _mirrored(q: np.ndarray, low: float, high: float) -> bool:
+    """Whether ``q`` (R,) lies beyond limits that reach to one side, and within them with the other sign."""
+    room = 0.1 * (high - low)
+    one_sided = low > -room or high < room
+    return one_sided and _beyond(q, low, high) > OFTEN and _beyond(-q, low, high) == 0.0
 
 
 def of_commands(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:

@@ -34,6 +34,7 @@ _CLEARLY = 0.8  # of the file's loss by the columns as they are
 _SURELY = 0.33  # of that loss after a fit of all parameters both ways, and of holding
 _AHEAD = 10  # steps of states
 _ROWS, _ITERATIONS, _PASSES = 3000, 12, 2
+_FITTED = 100  # windows of those fits, at most
 _SCREENED = 24  # windows that drop a doubt under which they are predicted no better: many joints make a hundred doubts
 
 
@@ -62,22 +63,25 @@ class ColumnsCheck:
             return None
         rows = min(_ROWS, _SCREENED * horizon)
         few = self._by_coordinate(self._loss(horizon, rows=rows), space.nominal)
-        best: tuple[float, Doubt | Misread, PredictionLoss, np.ndarray] | None = None
+        best: tuple[float, Doubt | Misread, Transitions, np.ndarray] | None = None
         for doubt in self._doubts(joints, turns, badly):
             log, touched = doubt.resolved(self.evidence.log), np.array(doubt.dofs) if doubt.dofs else badly
             if rows < _ROWS and min(self._shares(self._loss(horizon, log, rows), few, touched)) >= 1.0:
                 continue
-            loss = self._loss(horizon, log)
-            share, of_touched = self._shares(loss, own, touched)
+            share, of_touched = self._shares(self._loss(horizon, log), own, touched)
             if min(share, of_touched) < _CLEARLY and (best is None or share < best[0]):
-                best = share, doubt, loss, touched
-        if best is None:
+                best = share, doubt, log, touched
+        if best is None or not self._surely(horizon, *best[2:]):
             return None
-        _, doubt, loss, touched = best
-        here, there = (self._fitted(each)[touched].sum() for each in (self._loss(horizon), loss))
-        if not there < _SURELY * min(here, held[touched].sum()):
-            return None
-        return Finding(f"{doubt.text} (no parameters of the file explain the log as it is)")
+        return Finding(f"{best[1].text} (no parameters of the file explain the log as it is)")
+
+    def _surely(self, horizon: int, log: Transitions, touched: np.ndarray) -> bool:
+        """Whether parameters explain this ``log`` in the coordinates ``touched``, and none the evidence's."""
+        rows = min(_ROWS, _FITTED * horizon)
+        there = self._fitted(self._loss(horizon, log, rows))[touched].sum()
+        if not there < _SURELY * self._loss_of_holding(horizon, rows)[touched].sum():
+            return False
+        return bool(there < _SURELY * self._fitted(self._loss(horizon, rows=rows))[touched].sum())
 
     def _horizon(self) -> int | None:
         """Steps that predictions are compared over; None of a log that is too short."""
@@ -140,12 +144,12 @@ class ColumnsCheck:
         found[counted] = np.nan_to_num(means, nan=np.inf)
         return found[:nv]
 
-    def _loss_of_holding(self, horizon: int) -> np.ndarray:
+    def _loss_of_holding(self, horizon: int, rows: int = _ROWS) -> np.ndarray:
         """That (nv,) of predicting that nothing moves, or all goes on as it does, whichever is less."""
-        log, loss, difference = self.evidence.log, self._loss(horizon), self.evidence.model.scene.difference
+        log, loss, difference = self.evidence.log, self._loss(horizon, rows=rows), self.evidence.model.scene.difference
         starts = loss.windows.starts
-        rows, v = starts[:, None] + np.arange(horizon), log.v[starts][:, None]
-        moved = -difference(log.q_next[rows], log.q[starts][:, None])
+        within, v = starts[:, None] + np.arange(horizon), log.v[starts][:, None]
+        moved = -difference(log.q_next[within], log.q[starts][:, None])
         held = log.dt * v * np.arange(1.0, horizon + 1.0)[:, None]
         scales = loss.windows.scales.q
         each = [huber((moved - guess) / scales, self.huber).mean(axis=(0, 1)) for guess in (0.0, held)]
