@@ -37,8 +37,11 @@ def source(name: str) -> mujoco.MjSpec:
     if not name.startswith("dm/"):
         folder = Path(importlib.import_module("gymnasium.envs.mujoco").__file__ or "").parent
         return mujoco.MjSpec.from_file(str(folder / "assets" / f"{name}.xml"))
-    domain = importlib.import_module(f"dm_control.suite.{name[3:]}")
-    xml, assets = domain.get_model_and_assets(6) if name == "dm/swimmer" else domain.get_model_and_assets()
+    if name == "dm/swimmer":
+        xml, assets = importlib.import_module("dm_control.suite.swimmer").get_model_and_assets(6)
+    else:
+        common = importlib.import_module("dm_control.suite.common")
+        xml, assets = common.read_model(f"{name[3:]}.xml"), common.ASSETS
     as_bytes = {key: text if isinstance(text, bytes) else text.encode() for key, text in assets.items()}
     return mujoco.MjSpec.from_string(xml.decode() if isinstance(xml, bytes) else xml, as_bytes)
 
