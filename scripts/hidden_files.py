@@ -108,9 +108,12 @@ def move(model: mujoco.MjModel, rng: np.random.Generator) -> Transitions:
 
 def record(name: str, out: Path, seed: int) -> None:
     """The file, the hidden robot and two logs of it."""
-    out.mkdir(parents=True, exist_ok=True)
-    spec, rng = source(name), np.random.default_rng(seed)
+    try:
+        spec, rng = source(name), np.random.default_rng(seed)
+    except (ImportError, OSError, ValueError) as error:
+        raise SystemExit(f"hidden_files: no file {name!r}: {str(error).splitlines()[0]}") from None
     spec.compile()
+    out.mkdir(parents=True, exist_ok=True)
     (out / FILE).write_text(spec.to_xml(), encoding="utf-8")
     model = mujoco.MjModel.from_xml_path(str(out / FILE))
     hide(model, rng)

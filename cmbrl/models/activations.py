@@ -73,7 +73,7 @@ class Activations:
     def along(self, episode: np.ndarray, control: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Controls (N, nu + na) of a log's rows ``control`` (N, nu), with their activations, as ``slopes_along``."""
         nothing = np.zeros((*control.shape, 0))
-        return self._followed(episode, control, nothing, times)[0]
+        return self.slopes_along(episode, control, nothing, times)[0]
 
     def slopes_along(
         self, episode: np.ndarray, control: np.ndarray, slope: np.ndarray, times: np.ndarray
@@ -83,11 +83,6 @@ class Activations:
         control (N, nu), and its derivatives slope (N, nu, n) in psi, whose last columns are the time constants
         ``times`` (nt,); returns the derivatives (N, nu + na, n) too.
         """
-        return self._followed(episode, control, slope, times)
-
-    def _followed(
-        self, episode: np.ndarray, control: np.ndarray, slope: np.ndarray, times: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
         firsts = np.flatnonzero(np.r_[True, np.diff(episode) != 0])
         lengths = np.diff(np.append(firsts, len(episode)))
         own, nu, n = self.actuator.numpy(), control.shape[1], slope.shape[2]
