@@ -15,7 +15,7 @@ import numpy as np
 from cmbrl.fitting.choice.drives import FADE, GAP, LIMIT
 from cmbrl.fitting.choice.extension import Extension
 from cmbrl.fitting.choice.finer_steps import finer_steps
-from cmbrl.fitting.choice.judging import harmed, helped, judged, returned
+from cmbrl.fitting.choice.judging import harmed, helped, judged, returned, typically
 from cmbrl.fitting.choice.multi_start import MultiStart
 from cmbrl.fitting.choice.parsimony import Selection
 from cmbrl.fitting.choice.polish import polished
@@ -94,7 +94,7 @@ class Course(Refining):
         if not (self.held_out and self.incumbent.active.any()):
             return False
         free = self.wanted is None or self.with_laws
-        return not helped(self.held_out) if hasty else free and harmed(self.held_out)
+        return not helped(self.held_out) if hasty else free and harmed(self.held_out, self.typical)
 
     def _begin(self) -> dict[str, Any]:
         self.journal.report(0.01, "beginning")
@@ -243,6 +243,7 @@ class Course(Refining):
     def _judge_by(self, iterations: int, journal: Journal, rows: int) -> None:
         folds = self._folds(self.loss(rows), self.loss(rows, told=True))
         self.held_out = judged(folds, self.evidence.space, self.incumbent, iterations, journal)
+        self.typical = typically(self.held_out, folds.blocks())
 
     def _step(self) -> dict[str, Any]:
         return {"tried": stepping(self.evidence, self.huber, self.journal.check_time, self.budget.judged)}

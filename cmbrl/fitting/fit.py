@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -94,10 +94,11 @@ def fit(
     if method == "cma":
         require_library()
     evidence = Evidence.of(model, data)
-    budget = budget or Budget.of(evidence.compared, _noisy(evidence))
+    evidence = replace(evidence, noisy=_noisy(evidence))
     huber = real(huber, "huber", above=0.0, most=1e6)
     log, space = evidence.log, evidence.space
     seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
+    budget = budget or replace(Budget.of(evidence.compared, evidence.noisy), horizons=len(horizons))
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
     with_laws = groups is None and evidence.positions_only
     all_of_them = groups == "all" or with_laws
@@ -135,6 +136,7 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "selection": incumbent.path if course.wanted is None or incumbent.path else None,
         "horizons": by_horizon(evidence, unseen, huber, budget.judged, noise) if unseen else [],
         "stepping": course.stepping,
+        "typical": course.typical,
         "sliding": course.sliding,
         "finer": course.finer,
         "pace": course.pace.told if course.pace else None,

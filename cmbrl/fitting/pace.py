@@ -19,7 +19,7 @@ import numpy as np
 
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.clock import Clock
-from cmbrl.fitting.log.evidence import HORIZONS, Evidence
+from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.judge import judged_rows
 from cmbrl.fitting.log.sliding import rivals
 from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
@@ -94,7 +94,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a fit has to do besides: ``rows`` of the log, ``horizons`` to choose from, ``folds``.
+    """What a fit has to do besides: ``rows`` of the log, ``horizons`` to choose from, and ``judged`` over, ``folds``.
 
     ``begins``: not at the file, perhaps; ``chooses`` parameters, or ``adds`` laws to those it moves; ``searches``
     without derivatives. ``rivals``: other laws of contact that are open. ``floats``: starts are told
@@ -103,6 +103,7 @@ class Plan:
 
     rows: int
     horizons: Sequence[int]
+    judged: Sequence[int]
     folds: int
     begins: bool
     chooses: bool
@@ -128,7 +129,8 @@ class Plan:
         states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
         others, floats = len(rivals(evidence)), len(adrift(evidence, min(horizons))) > 0
         rows, logs = len(evidence.log), len(evidence.names)
-        return cls(rows, horizons, folds, begin, chooses, adds, searches, others, states, floats, logs)
+        judged = evidence.judged_over
+        return cls(rows, horizons, judged, folds, begin, chooses, adds, searches, others, states, floats, logs)
 
     def costs(self, b: Budget, speed: Speed, share: float) -> dict[str, float]:
         """Seconds by part with budget ``b``, which is a ``share`` of the default."""
@@ -141,7 +143,7 @@ class Plan:
         def refits(rows: int, iterations: int) -> float:
             return held_out * (speed.fit(rest * some(rows), iterations) + (1.0 - rest) * some(rows) * speed.settling)
 
-        score = sum(judged_rows(h, b.judged) for h in HORIZONS) * speed.step
+        score = sum(judged_rows(h, b.judged) for h in self.judged) * speed.step
         survey = speed.fit(rest * some(b.survey_rows), b.survey_iterations) + score
         tried = min(len(self.horizons), b.horizons) if self.states else 0
         trial = speed.fit(some(b.trial_rows), b.trial_iterations) + refits(b.trial_rows, b.trial_fold_iterations)

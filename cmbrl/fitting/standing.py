@@ -53,6 +53,7 @@ class Standing:
     finer: dict[str, Any] | None = field(init=False, default=None)  #: the time step, if the fit took a finer one
     stepping: list[dict[str, Any]] = field(init=False, default_factory=list)  #: what other settings of the model leave
     held_out: dict[str, Errors] = field(init=False, default_factory=dict)
+    typical: float = field(init=False, default=1.0)  #: how many times smaller most of those errors are than the file's
     logs: list[dict[str, Any]] = field(init=False, default_factory=list)  #: how each of several agrees with the others
 
     def __post_init__(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,6 +15,8 @@ SATURATED = 0.2  #: share of samples at a limit that is worth a warning
 FOLLOWS = 0.5  #: correlation of a position with its target
 NEAR_BEST = 0.1  #: of a correlation: joints that move alike follow each other's targets as well
 SIGNIFICANT = 10.0  #: standard errors
+_ALSO = 3.0  # the same of positions alone
+_LIGHTER = 5.0  # times lighter than by the file
 LONG = 5 * LAG  #: [s] of shorter logs every trend follows every other at some lag
 
 
@@ -80,13 +83,18 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
         without = fitted[0] - 2.0 * of_noise(motion, chosen), *fitted[1:]  # noise may be most of what a command tells
         remain = _faults(motion, chosen, best, follows, without)
         swapped, wrong = [x for x in swapped if x in remain[0]], [x for x in wrong if x in remain[1]]
+    slow = responses(replace(motion, v_now=None, v_after=None), chosen) if wrong else None
     yield from (_pair(motion, chosen[i], chosen[j]) for i, j in swapped)
     for i in wrong:
         m, ratio = chosen[i], fitted[0][i, i] / fitted[1][i, i]
         joint = motion.coordinates[motion.drivers[m].coordinate].name
+        light = abs(fitted[0][i, i]) > _LIGHTER * motion.drivers[m].push * motion.dt
+        sure = not light or slow is None or bool(slow[0][i, i] < -_ALSO * slow[1][i, i])
+        cause = "; negate one of the two columns" if sure else "? Or does the torque answer to noise? The fit decides"
         yield Finding(
             f"{motion.command_of(m)} pushes joint {joint!r} the wrong way ({ratio:.0f} standard errors): a sign error "
-            f"in {motion.command}, or in its positions; negate one of the two columns"
+            f"in {motion.command}, or in its positions{cause}",
+            sure=sure,
         )
 
 

@@ -49,6 +49,7 @@ class Driver:
     low: float  #: bounds of the file on u
     high: float
     pace: bool = False  #: a target of a velocity servo, which is a force as well
+    push: float = np.inf  #: [m/s^2, rad/s^2 per unit of u] by the file, at qpos0, if nothing else pushes
 
 
 @dataclass(frozen=True)
@@ -212,6 +213,7 @@ def _drivers(
         paced = position is None and law_of(scene, a)[0] == "velocity"
         scale = 1.0 / gear if paced else scale
         name = scene.actuator_names[a]
-        drivers.append(Driver(name, place[line], servo, float(scale), float(low), float(high), paced))
+        push = float(abs(gear * gain) * core.line_invweight[line])
+        drivers.append(Driver(name, place[line], servo, float(scale), float(low), float(high), paced, push))
         used.append(column)
     return tuple(drivers), used

@@ -20,6 +20,9 @@ MEANT = 0.05  #: [rad, m] a target has to move by so much, more than dry frictio
 _OF_RANGE = 0.2  # between the stops, the same
 _ON_GRID, _ONWARDS, _ROUNDING = 0.02, 3.0, 1e-9  # of an encoder's count; counts; [rad, m]
 _STRETCHES, _ALTERNATES = 8, -0.5  # of LONG samples, to tell noise by; correlation of third differences
+_REPEATS = 0.05  # share of samples that are the one before, of an encoder with counts that was read in between
+_AS_FAST = 0.3  # of the usual speed elsewhere
+_WALKS = 4.0  # times the root of the samples: what white noise of a velocity adds up to
 APART = 0.15  #: [rad, m] dry friction moves where servos stand by less when they turn round
 JUMP = 5  #: times the 99th percentile of a step, and of the steps before and after
 
@@ -31,7 +34,7 @@ def stuck(motion: Motion) -> Iterator[Finding]:
         if (run := _longest(_runs(motion.now[:, k]))) is None:
             continue
         where = f"from row {run.start} to {run.stop - 1}"
-        if motion.v_now is not None and _travels(motion.v_now[run, k] * motion.dt):
+        if motion.v_now is not None and _goes(motion.v_now[:, k] * motion.dt, run):
             yield Finding(f"{motion.position_of(k)} is constant {where} while its velocity is not 0: a stuck sensor?")
         elif k in driven and _commanded(motion, driven[k], run):
             command, sure = motion.command_of(driven[k]), not _sticks(motion.now[:, k], run)
@@ -104,9 +107,11 @@ def _loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
     """Whether the sensor of ``x`` (R,) shows noise outside of ``run``, of which no joint's rest is free.
 
     Third differences of noise alternate, with a correlation of -3/4; those of smooth motion go on. The calmest
-    stretches tell it, where motion hides it least. Encoders with counts are quiet at rest.
+    stretches tell it, where motion hides it least. Encoders with counts are quiet at rest; where samples were read in
+    between, they lie on no grid, and repeat all the same.
     """
-    if _coarse(x) is not None:
+    again = np.abs(np.diff(np.delete(x, run))) < _ROUNDING
+    if _coarse(x) is not None or (len(again) and again.mean() > _REPEATS):
         return False
     calm = []
     for block in blocks:
@@ -146,6 +151,28 @@ def _carrier(motion: Motion, k: int, run: slice) -> int | None:
 def _travels(steps: np.ndarray) -> bool:
     """Whether velocities, times the time step, lead away by more than noise."""
     return bool(np.ptp(np.cumsum(steps)) > MEANT and np.sqrt(np.mean(steps**2)) > 1e-6)
+
+
+def _goes(steps: np.ndarray, run: slice) -> bool:
+    """Whether velocities, times the time step ``steps`` (R,), say that a joint moves in the rows of ``run``.
+
+    They lead away, as fast as elsewhere, or by more than what a sensor at rest adds up to: an offset that its noise
+    hides, and the walk of the noise itself.
+    """
+    inside, elsewhere = steps[run], np.delete(steps, run)
+    if not _travels(inside):
+        return False
+    if len(elsewhere) >= LONG and inside.std() > _AS_FAST * elsewhere.std():
+        return True
+    noise = _white(inside)
+    offset = float(inside.mean()) if abs(inside.mean()) < noise else 0.0
+    return bool(np.ptp(np.cumsum(inside - offset)) > MEANT + _WALKS * noise * np.sqrt(len(inside)))
+
+
+def _white(x: np.ndarray) -> float:
+    """The standard deviation of white noise that third differences of ``x`` (R,) show."""
+    third = np.abs(np.diff(x, n=3))
+    return float(1.4826 * np.median(third) / np.sqrt(20.0)) if len(third) else 0.0
 
 
 def _uneven(steps: np.ndarray, expected: float) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.choice.trials import Incumbent
-from cmbrl.fitting.search.folds import LEAST_GAIN, Folds
+from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, Folds, typical_rise
 from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.unseen import Unseen
@@ -37,12 +37,27 @@ def helped(errors: dict[str, Errors]) -> bool:
     return errors[_FITTED].mean < (1.0 - LEAST_GAIN) * errors[_NOMINAL].mean
 
 
-def harmed(errors: dict[str, Errors]) -> bool:
-    """Whether the file clearly predicts better than the fit, by its held-out ``errors``."""
-    return not errors[_FITTED].mean <= (1.0 + LEAST_GAIN) * errors[_NOMINAL].mean
+def typically(errors: dict[str, Errors], blocks: np.ndarray) -> float:
+    """How many times smaller held-out ``errors`` of the fit are in the typical part of the log; 1 if that is not clear.
+
+    ``blocks`` (S,): of the starts. A few of them, such as those from which a pole may fall to either side, rule a mean.
+    """
+    if not np.isfinite(errors[_FITTED].mean):
+        return 0.0
+    rise, noise = typical_rise(errors[_NOMINAL].loss, errors[_FITTED].loss, blocks)
+    return float(np.exp(-0.5 * rise)) if abs(rise) > max(NOISE_FACTOR * noise, LEAST_GAIN) else 1.0
+
+
+def harmed(errors: dict[str, Errors], typical: float) -> bool:
+    """Whether the file clearly predicts better than the fit, by its held-out ``errors``.
+
+    That is in their mean, and not ``typical`` times worse in most of the log.
+    """
+    return typical <= 1.0 and not errors[_FITTED].mean <= (1.0 + LEAST_GAIN) * errors[_NOMINAL].mean
 
 
 def returned(errors: dict[str, Errors]) -> dict[str, Any]:
     """The move back to the file from a fit with these held-out ``errors``, for the report."""
-    gain = errors[_FITTED].mean - errors[_NOMINAL].mean
-    return {"move": "remove", "group": RETURN, "gain": gain, "noise": 0.0, "held_out_rmse": errors[_NOMINAL].rmse}
+    fitted, nominal = errors[_FITTED], errors[_NOMINAL]
+    moved = {"move": "remove", "group": RETURN, "gain": fitted.mean - nominal.mean, "noise": 0.0}
+    return {**moved, "held_out_loss": nominal.mean, "held_out_rmse": nominal.rmse}

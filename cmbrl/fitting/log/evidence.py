@@ -27,6 +27,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.records import Joint
 
 HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
+_LONGER, _NOISY_AHEAD = (50, 100, 200), 0.3  # of noisy logs besides; [s]: what is fast is over, and noise is small
 LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
 _FLOATING_AHEAD = 0.2  # [s]
@@ -49,6 +50,7 @@ class Evidence:
     positions_only: bool
     measured: np.ndarray  #: (nv,) coordinates whose positions are compared: not those that a log had to estimate
     free: tuple[Joint, ...] = ()  #: joints that no log tells: those columns of ``log`` are a model's (``following``)
+    noisy: bool = False  #: whether sensors of states show noise
 
     @classmethod
     def of(cls, model: ComplementarityModel, data: Logs) -> Evidence:
@@ -99,18 +101,24 @@ class Evidence:
 
         Of positions, half a second: at one step, their changes are noise. Less of a body that floats, since nothing
         pulls it back to where it should be, and of an arm whose torques do not (``straying``); and as much less as a
-        short log needs.
+        short log needs. Of noisy states in short steps, up to 0.3 s: 20 steps of 2 ms are noise, too.
         """
         if asked != "auto":
             return (whole(asked, "horizon"),)
         if not self.positions_only:
-            return HORIZONS
+            longer = (h for h in _LONGER if h * self.log.dt <= _NOISY_AHEAD)
+            return (*HORIZONS, *longer) if self.noisy else HORIZONS
         floats = free_joint(self.model.scene) is not None
         ahead = _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
         steps = range(round(ahead / self.log.dt), 1, -1)
         told = (h for h in steps if len(windows_in_blocks(self.log, h)) >= LEAST_WINDOWS)
         longest = next(told, 1)
         return (longest if floats else told_by_model(self, longest),)
+
+    @property
+    def judged_over(self) -> tuple[int, ...]:
+        """Numbers of steps over which fits of some parameters or others are compared."""
+        return HORIZONS if self.positions_only else self.horizons("auto")
 
     def scales(
         self, horizon: int, huber: float, noise: np.ndarray | None = None, left: np.ndarray | None = None

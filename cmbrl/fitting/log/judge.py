@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.log.evidence import HORIZONS, LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import REST
 from cmbrl.models.windows import huber, least_units, spread
@@ -36,14 +36,15 @@ class Judge:
         evidence: Evidence,
         delta: float,
         rows: np.ndarray | None = None,
-        horizons: Sequence[int] = HORIZONS,
+        horizons: Sequence[int] | None = None,
         share: float = 1.0,
     ) -> list[Judge]:
         """Judges of those ``horizons`` that the log has windows of, within held-out ``rows``; default: everywhere.
 
-        ``share``: of the most windows that a judge has.
+        Default: those that ``evidence`` is judged over. ``share``: of the most windows that a judge has.
         """
         found, data, scene = [], evidence.log, evidence.model.scene
+        horizons = evidence.judged_over if horizons is None else horizons
         for h in horizons:
             starts = data.windows(h)
             if len(starts) < LEAST_WINDOWS and h > min(horizons):

@@ -10,7 +10,7 @@ repeated if it changes much.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import HORIZONS, LEAST_WINDOWS, Evidence
 from cmbrl.fitting.log.judge import Judge, score
 from cmbrl.fitting.log.left import left_of_changes
 from cmbrl.fitting.log.noise import sensor_noise
@@ -30,6 +30,7 @@ from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
 _NEARLY = 0.005  # of the logarithm of the error
+_ABOUT = 0.1  # the same, where one is easier to tell by
 _SAME = 1e-9  # relative difference of two losses that rounding explains
 _SAME_NOISE = 0.2  # relative change that needs no second fit
 
@@ -118,7 +119,7 @@ class Surveyor:
             pass
         if not scores:
             return Survey(enough[0], noise, {})
-        horizon = min(h for h, s in scores.items() if s <= min(scores.values()) + _NEARLY)
+        horizon = _best(scores)
         z = fitted[horizon]
         before, noise = noise, self._noise(self.evidence.space.theta(z))
         if not _alike(before, noise):
@@ -258,6 +259,16 @@ class Surveyor:
     @cached_property
     def _nominal(self) -> float:
         return score(self._judges, self.evidence.space.nominal)
+
+
+def _best(scores: Mapping[int, float]) -> int:
+    """The shortest of nearly the best horizons; of those that are long for the sake of noise, the longest.
+
+    Over short ones, noise hides what parameters change: fits lead to about the same place, and nothing tells that.
+    """
+    best = min(scores.values())
+    long = [h for h, s in scores.items() if h > max(HORIZONS) and s <= best + _ABOUT]
+    return max(long) if long else min(h for h, s in scores.items() if s <= best + _NEARLY)
 
 
 def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:

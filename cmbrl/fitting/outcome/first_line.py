@@ -30,6 +30,12 @@ def first_line(report: Mapping[str, Any]) -> str:
     before, after = (row["rmse"] for row in held_out if row)
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
     told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
+    typical = report.get("typical", 1.0)
+    if not after < before and after > EXACT and typical > 1.0:
+        return (
+            f"{early}The fit predicts most of the log {typical:.3g} times better than the file, and a few stretches "
+            f"so much worse that the mean is not ({told}): page.html shows which."
+        )
     if not after < before and after > EXACT:
         return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
     if before <= EXACT or (before < _ALIKE * after and not _better_far(report)):

@@ -106,7 +106,7 @@ def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
     Holding the velocity is no rival where velocities are estimates, and over horizons where it is off by more than the
     states vary: there, in two seconds of a robot that falls, neither tells anything. Nor is it where it errs by the
     sensors' noise more than by motion, as over one short step: what the noise of a start does to a stiff contact is no
-    fault of the fit.
+    fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it.
     """
     names = {"hold": "holding the velocity", "nominal": "the file as it is"}
     if rows and max(rows[0]["rmse"][which] for which in ("nominal", "fitted")) < EXACT:
@@ -131,11 +131,12 @@ def lost(row: Mapping[str, Any], model: str = "fitted") -> bool:
 
 def _no_rival(row: Mapping[str, Any]) -> bool:
     """Whether holding the velocity over the horizon of ``row`` tells nothing of motion."""
-    return (
-        row.get("estimated", False)
-        or lost(row, "hold")
-        or row["rmse"]["hold"] ** 2 < _NOISY * row.get("noise", 0.0) ** 2
-    )
+    return row.get("estimated", False) or lost(row, "hold") or _of_noise(row, "hold")
+
+
+def _of_noise(row: Mapping[str, Any], model: str) -> bool:
+    """Whether noise of sensors is most of what ``model`` errs by over the horizon of ``row``."""
+    return bool(row["rmse"][model] ** 2 < _NOISY * row.get("noise", 0.0) ** 2)
 
 
 def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
@@ -144,7 +145,8 @@ def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
         words: [
             str(row["steps"])
             for row in rows
-            if row[measure]["fitted"] > _WORSE * row[measure][other] and not (other == "hold" and _no_rival(row))
+            if row[measure]["fitted"] > _WORSE * row[measure][other]
+            and not (_no_rival(row) if other == "hold" else _of_noise(row, other))
         ]
         for measure, words in MEASURES.items()
     }
