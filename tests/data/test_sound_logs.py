@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl.data import plausible, read_trajectories
-from cmbrl.data.plausible import commands, frames, motion, units
+from cmbrl.data.plausible import commands, frames, motion, still, units
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
 from cmbrl.registry import load_task
@@ -61,6 +61,48 @@ def test_noise_of_velocities_under_a_controller_that_damps_is_no_sign_error(
     log = {"q": q[:-1], "q_next": q[1:], "v": logged[:-1], "v_next": logged[1:], "u": sign * u, "dt": dt}
     found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
     assert len(list(commands.forces(found, found.answers()))) == told
+
+
+@pytest.mark.parametrize(("answers", "sure"), [(5.0, False), (0.0, True)])
+def test_a_torque_that_answers_to_noise_within_a_sample_is_no_sure_sign_error(
+    tmp_path: Path, answers: float, sure: bool
+) -> None:
+    """As a motor whose driver logs what it measures: its torque goes with what its velocity has by noise next."""
+    body = '<body><joint name="j" armature="1"/><geom size=".1"/></body>'
+    scene = scene_of(tmp_path, "noisy", body, '<motor name="j" joint="j"/>')
+    rng, rows, dt = np.random.default_rng(0), 4000, 0.005
+    q, v, noise = np.zeros((rows + 1, 1)), np.zeros((rows + 1, 1)), 0.1 * rng.normal(size=(rows + 1, 1))
+    noise *= np.arange(rows + 1)[:, None] % 1000 < 600  # as where the motor balances
+    u = 2.0 * np.sin(0.02 * np.arange(rows))[:, None] + 0.2 * rng.normal(size=(rows, 1))
+    for k in range(rows):
+        v[k + 1] = 0.98 * v[k] + dt * u[k]
+        q[k + 1] = q[k] + dt * v[k + 1]
+    torque = u - answers * noise[1:] if answers else -u
+    seen = v + noise if answers else v
+    log = {"q": q[:-1], "q_next": q[1:], "v": seen[:-1], "v_next": seen[1:], "u": torque, "dt": dt}
+    found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
+    assert [one.sure for one in commands.forces(found, found.answers()) if "the wrong way" in one.text] == [sure]
+
+
+@pytest.mark.parametrize("between", [0.0, 0.4])
+def test_a_joint_that_rests_on_a_coarse_encoder_beside_a_noisy_velocity_is_no_fault(
+    tmp_path: Path, between: float
+) -> None:
+    """Its velocity has an offset that adds up; read in between, its encoder's counts lie on no grid."""
+    scene = scene_of(tmp_path, "rest", '<body><joint name="j"/><geom size=".1"/></body>')
+    rng, rows, dt = np.random.default_rng(0), 4000, 0.005
+    time = dt * np.arange(rows)
+    q = np.where(time < 8.0, np.sin(1.5 * np.minimum(time, 8.0)), np.sin(12.0))
+    v = np.where(time < 8.0, 1.5 * np.cos(1.5 * time), 0.0)
+    counts = np.round(q / 0.003) * 0.003
+    counts[:-1] += between * np.diff(counts)
+    v = np.round((v + 0.1 * rng.normal(size=rows)) / 0.066) * 0.066 - 0.012
+    log = {"q": counts[:-1, None], "q_next": counts[1:, None], "v": v[:-1, None], "v_next": v[1:, None], "dt": dt}
+    log |= {"u": np.zeros((rows - 1, 0)), "episode": np.zeros(rows - 1)}
+    assert list(still.stuck(motion.of_transitions(log, scene))) == []
+    stands = np.where(time[:-1, None] > 4.0, counts[800], counts[:-1, None])
+    told = [one.text for one in still.stuck(motion.of_transitions(log | {"q": stands}, scene))]
+    assert ["while its velocity is not 0" in text for text in told] == [True]
 
 
 def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 import cmbrl
 from cmbrl.fitting import Budget, course
 from cmbrl.fitting.choice.judging import harmed, returned, typically
+from cmbrl.fitting.outcome.page.numbers import course as course_drawn
 from cmbrl.fitting.search.loss_values import Errors
 
 from .arm_log import followed
@@ -34,7 +35,7 @@ def test_what_is_clearly_worse_or_not_finite_is_harm() -> None:
     assert not any(harmed(errors(1.0, fitted), 1.0) for fitted in (0.5, 1.0, 1.005))
     assert all(harmed(errors(1.0, fitted), 1.0) for fitted in (1.02, np.nan, np.inf))
     move = returned(errors(1.0, 1.5))
-    assert move["gain"] == pytest.approx(0.5) and move["held_out_loss"] == 1.0
+    assert (move["gain"], move["held_out_loss"]) == (pytest.approx(0.5), 1.0)
 
 
 def test_a_few_starts_that_rule_the_mean_are_no_harm() -> None:
@@ -42,9 +43,10 @@ def test_a_few_starts_that_rule_the_mean_are_no_harm() -> None:
     both = errors(1.0, 0.25)
     both["held out, fitted"].loss[::20] = 50.0
     few = np.arange(len(both["held out, fitted"].loss)) // 10
-    assert typically(both, few) == pytest.approx(2.0, rel=0.3) and both["held out, fitted"].mean > 1.5
+    assert both["held out, fitted"].mean > 1.5
+    assert typically(both, few) == pytest.approx(2.0, rel=0.3)
     assert not harmed(both, typically(both, few))
-    assert typically(errors(1.0, 1.0), few) == 1.0 and typically(errors(1.0, np.nan), few) == 0.0
+    assert [typically(errors(1.0, fitted), few) for fitted in (1.0, np.nan)] == [1.0, 0.0]
     assert harmed(errors(1.0, 1.5), typically(errors(1.0, 1.5), few))
 
 
@@ -62,3 +64,4 @@ def test_a_default_fit_that_harms_goes_back_to_the_file(
     assert first.startswith("Nothing was fitted: what had moved predicted unseen episodes worse") is not kept
     if not kept:
         assert all(p.value == p.nominal for p in result.parameters.values())
+    assert course_drawn(result.report) is not None

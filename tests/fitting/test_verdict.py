@@ -163,3 +163,6 @@ def test_holding_is_no_rival_where_the_noise_of_the_sensors_rules(tmp_path: Path
     row = {**rows[0], **{of: {"hold": 0.8, "nominal": 4.0, "fitted": 1.0} for of in ("rmse", "loss")}}
     assert warning([{**row, "noise": 0.7}]) is None
     assert "loses to holding the velocity over 1 step(s)" in str(warning([{**row, "noise": 0.1}]))
+    row = {**rows[0], **{of: {"hold": 0.8, "nominal": 0.7, "fitted": 0.75} for of in ("rmse", "loss")}}
+    assert warning([{**row, "noise": 0.6}]) is None
+    assert "loses to the file as it is over 1 step(s)" in str(warning([{**row, "noise": 0.1}]))
