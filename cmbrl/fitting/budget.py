@@ -7,6 +7,7 @@ from typing import Any
 
 _COORDINATES = 18  # up to so many that are compared, rows are as in Budget
 _LEAST_ROWS = 800  # fewer would miss rare events
+_WINDOWS = 15  # of a noisy log that choices have at least, over the longest horizon
 _OF_NOISY = 0.2  # share of the work of choices
 _CHOICES = (
     "survey_rows", "survey_iterations", "trial_rows", "trial_rounds", "trial_population", "trial_iterations",
@@ -53,11 +54,12 @@ class Budget:
     draw_rows: int = 4000  # predicted for each of them
 
     @classmethod
-    def of(cls, coordinates: int, noisy: bool = False) -> Budget:
+    def of(cls, coordinates: int, noisy: bool = False, longest: int = 20) -> Budget:
         """For predictions of so many coordinates: where each row tells of more, fewer do to choose by.
 
         Rows of a ``noisy`` log are several times as dear, since each has a start of its own, and choices gain nothing
-        from more of them: only what comes after the choices has its usual work.
+        from more of them: only what comes after the choices has its usual work. But few windows over the ``longest``
+        horizon, which is more than 20 steps if they are short, lie in a small part of the log, which is not like the rest.
         """
         budget, share = cls(), min(1.0, _COORDINATES / coordinates)
         if noisy:
@@ -65,7 +67,9 @@ class Budget:
             budget = replace(budget, **{name: getattr(less, name) for name in _CHOICES})
         names = ("survey_rows", "trial_rows", "held_out_rows", "search_rows")
         rows = {name: getattr(budget, name) for name in names}
-        return replace(budget, **{name: min(n, max(_LEAST_ROWS, round(share * n))) for name, n in rows.items()})
+        budget = replace(budget, **{name: min(n, max(_LEAST_ROWS, round(share * n))) for name, n in rows.items()})
+        least = _WINDOWS * longest if noisy else 0
+        return replace(budget, **{name: max(getattr(budget, name), least) for name in names})
 
     def shrunk(self, share: float) -> Budget:
         """About ``share`` of the work in each part: the same for 1, and never so little that it tells nothing."""

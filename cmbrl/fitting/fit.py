@@ -98,7 +98,8 @@ def fit(
     huber = real(huber, "huber", above=0.0, most=1e6)
     log, space = evidence.log, evidence.space
     seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
-    budget = budget or replace(Budget.of(evidence.compared, evidence.noisy), horizons=len(horizons))
+    usual = Budget.of(evidence.compared, evidence.noisy, max(horizons))
+    budget = budget or replace(usual, horizons=len(horizons))
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)
     with_laws = groups is None and evidence.positions_only
     all_of_them = groups == "all" or with_laws

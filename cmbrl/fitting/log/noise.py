@@ -13,7 +13,8 @@ is r_k = A e_k - e_(k+1) + model error. The same e_(k+1) enters r_k and r_(k+1) 
 and do not look like this. Velocities that a contact stops keep no noise (A = 0 there); nothing is missed, because such
 noise does not reach the next states either. A position that a contact pushes back does reach them, though A is not the
 identity there; hence x_k. Commands that come late alternate too where each differs from the last one: what follows the
-commands is the model's error. Covariances come from median absolute deviations of sums and differences, so impacts do
+commands is the model's error. But a controller answers to what it measured: where r_k goes with the command after it,
+that has followed the noise. Covariances come from median absolute deviations of sums and differences, so impacts do
 not count.
 
 Errors of a capture that last over several steps, or velocities that were filtered, are not found: their neighbours
@@ -34,6 +35,7 @@ _CLEAR = 0.15  # share of the variance that must be negative correlation; noise 
 _CLEAR_OF_POSITIONS = 0.1  # clean logs have less than nothing, but for chatter
 _TURNING = 1.6  # times the next term: logs without noise reach 1.3
 _FOLLOWS = 0.5  # of the variance of what alternates: sensors leave at most .2, late commands at least .5
+_ANSWERS = 0.2  # of the variance of a residual, which the command after it explains besides
 _OUTLIER = 4.0  # standard deviations
 _SURE = 3.0  # and in standard errors of a correlation
 _TINY = 1e-300
@@ -61,8 +63,10 @@ def _of_rows(evidence: Evidence, physical: np.ndarray, data: Transitions, rows: 
     first, second = (_residual(evidence.model, physical, data, r) for r in (rows, rows + 1))
     own = _of_positions(evidence.model.scene, data, rows)
     own = np.where(own < _spread(first[:, :nv]), own, 0.0)
-    commands = np.concatenate([data.u[rows + k] for k in (-1, 0, 1)], axis=1)
-    found = np.where(_followed(first - second, commands) < _FOLLOWS, _alternating(first, second), 0.0)
+    past, all_three = (np.concatenate([data.u[rows + k] for k in range(-1, last)], axis=1) for last in (1, 2))
+    late = _explained(first - second, all_three) >= _FOLLOWS
+    late &= _explained(first, all_three) - _explained(first, past) < _ANSWERS
+    found = np.where(late, 0.0, _alternating(first, second))
     found[:nv] = np.where(own > 0.0, own, found[:nv])
     return np.where(np.tile(evidence.told, 2), found, 0.0)
 
@@ -103,7 +107,7 @@ def _alternating(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.sqrt(np.where(shared > max(_CLEAR, _SURE / np.sqrt(len(first))) * whole, shared, 0.0))
 
 
-def _followed(x: np.ndarray, commands: np.ndarray) -> np.ndarray:
+def _explained(x: np.ndarray, commands: np.ndarray) -> np.ndarray:
     """The share (c,) of the variance of ``x`` (N, c), without its outliers, that is linear in ``commands`` (N, m)."""
     limit = _OUTLIER * _spread(x)
     centred = np.clip(x - np.median(x, axis=0), -limit, limit)
