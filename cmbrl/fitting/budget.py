@@ -58,8 +58,8 @@ class Budget:
         """For predictions of so many coordinates: where each row tells of more, fewer do to choose by.
 
         Rows of a ``noisy`` log are several times as dear, since each has a start of its own, and choices gain nothing
-        from more of them: only what comes after the choices has its usual work. But few windows over the ``longest``
-        horizon, which is more than 20 steps if they are short, lie in a small part of the log, which is not like the rest.
+        from more of them: only what comes after the choices has its usual work. But a few windows over the ``longest``
+        horizon, more than 20 steps where they are short, lie in a small part of the log, and say little of the rest.
         """
         budget, share = cls(), min(1.0, _COORDINATES / coordinates)
         if noisy:

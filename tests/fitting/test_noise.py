@@ -77,6 +77,29 @@ def test_late_commands_are_no_noise(carts):
     assert sensor_noise(evidence, evidence.space.nominal) is None
 
 
+def test_noise_that_a_controller_answers_to_is_noise(tmp_path):
+    """Its torque brakes the measured speed, and so the command after a row goes with the error at the row's end."""
+    (tmp_path / "wheel.xml").write_text(
+        '<mujoco><option timestep=".002"/><worldbody><body><joint name="j" damping=".1" armature=".05"/>'
+        '<geom size=".1"/></body></worldbody><actuator><motor name="j" joint="j"/></actuator></mujoco>'
+    )
+    model, draw = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(tmp_path / "wheel.xml")), np.random.default_rng(0)
+    q, v, states, commands = np.zeros((1, 1)), np.zeros((1, 1)), [], []
+    for k in range(2000):
+        seen = v + 0.02 * draw.normal()
+        states.append((q[0], seen[0]))
+        commands.append([5.0 * (np.sin(0.005 * k) - q[0, 0]) - 2.0 * seen[0, 0]])
+        step = model.predict(q, v, np.array(commands[-1:]))
+        q, v = step.q_next, step.v_next
+    places, speeds = (np.array(x) for x in zip(*states, strict=True))
+    log = Transitions(
+        q=places[:-1], v=speeds[:-1], u=np.array(commands[:-1]), q_next=places[1:], v_next=speeds[1:], dt=0.002,
+        episode=np.zeros(1999, dtype=int),
+    )  # fmt: skip
+    evidence = Evidence.of(model, log)
+    assert sensor_noise(evidence, evidence.space.nominal)[0, 1] == pytest.approx(0.02, rel=0.2)
+
+
 def test_noise_of_positions_shows_without_the_right_model(tmp_path):
     """Contacts hide it from the model: a box that lies on a table forgets where it was."""
     model = cmbrl.ComplementarityModel(scene(tmp_path, PUSHER.format(floor=0.6, mass=0.4)))
