@@ -78,6 +78,7 @@ def replayed(commands: np.ndarray) -> PositionLog:
     return PositionLog(time=time, position=measured, command=commands, joint_names=("hip", "knee"), kp=25.0, kd=1.0)
 
 
+@pytest.mark.slow
 def test_intervals_are_narrower_than_from_random_actions(arm: Path, found: Excitation) -> None:
     """Random targets, new every 0.1 s, for as many seconds, within the same ranges."""
     draw = np.random.default_rng(0)

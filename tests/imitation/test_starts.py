@@ -51,6 +51,7 @@ def test_the_state_is_all_that_a_draw_depends_on() -> None:
     np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_training_resumes_to_the_same_bits(tmp_path: Path) -> None:
     sizes = {"environments": "4", "horizon": "3", "actor_hidden": "8", "critic_hidden": "8", "iterations": "6"}
     for folder, parts in (("whole", (6,)), ("parts", (3, 6))):

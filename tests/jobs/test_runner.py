@@ -192,7 +192,9 @@ def alive(pid: int) -> bool:
     return state.exists() and state.read_text().split(")")[-1].split()[0] != "Z"
 
 
-@pytest.mark.parametrize(("backend", "package"), [("ray", "ray"), ("dask", "distributed")])
+@pytest.mark.parametrize(
+    ("backend", "package"), [pytest.param("ray", "ray", marks=pytest.mark.slow), ("dask", "distributed")]
+)
 def test_a_cluster_gives_the_bits_of_one_process(work, tmp_path: Path, backend: str, package: str) -> None:
     if find_spec(package) is None:
         pytest.skip(f"{package} is not installed")
