@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.log.evidence import HORIZONS, Evidence
 from cmbrl.fitting.log.survey import _best
 
@@ -58,6 +59,19 @@ def test_a_noisy_log_in_short_steps_is_compared_further_ahead(log: cmbrl.Transit
         assert found.value == pytest.approx(value, rel=0.1)
     far = result.report["horizons"][-1]["rmse"]
     assert far["fitted"] < 0.2 * far["nominal"]
+
+
+@pytest.mark.parametrize(("mass", "steps"), [(0.6, 250), (0.1, 62)])
+def test_positions_under_torques_are_compared_no_further_than_the_file_follows(
+    mass: float, steps: int, log: cmbrl.Transitions, tmp_path: Path
+) -> None:
+    """Half a second, or a quarter of that: farther ahead, this file is off by more than the pendulum moves."""
+    (tmp_path / "pendulum.xml").write_text(FILE.replace('mass=".6"', f'mass="{mass}"'))
+    positions = PositionLog(
+        time=0.002 * np.arange(len(log)), position=log.q, command=log.u, joint_names=("j",), command_kind="torque"
+    )
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(tmp_path / "pendulum.xml"))
+    assert Evidence.of(model, positions).horizons("auto") == (steps,)
 
 
 def test_the_longest_of_the_long_horizons_that_are_about_as_good() -> None:

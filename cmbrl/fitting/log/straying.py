@@ -2,7 +2,7 @@
 
 Nothing pulls an arm under torques back to where it should be. Over half a second at full speed the noise of an encoder
 may then grow as large as the motion: such errors tell of the start, not of masses and friction, and where they explode
-no derivative leads anywhere.
+no derivative leads anywhere. Nor does one where the file itself ends farther off than the robot has moved.
 """
 
 from __future__ import annotations
@@ -18,19 +18,23 @@ if TYPE_CHECKING:
 
 _SHARES = (1, 2, 4)  # of the steps: all, a half, a quarter
 _LITTLE = 0.1  # of the change, that noise may grow to
+_FAR = 1.0  # the same, by which the file may miss the log
 _WINDOWS = 24
 _OF_SPEED = 0.3  # of the noise by the time step: that of speeds, told by a few neighbouring samples
 
 
 def told_by_model(evidence: Evidence, steps: int) -> int:
-    """``steps``, or a half or a quarter where the noise of starts would grow too large in more, by the file."""
+    """``steps``, or a half or a quarter where the file, or the noise of starts by it, would end too far off in more."""
     tried = sorted({max(1, steps // share) for share in _SHARES})
-    astray = _astray(evidence, tried)
-    return max((h for h in tried[1:] if astray[h] <= _LITTLE), default=tried[0])
+    astray, off = _astray(evidence, tried)
+    return max((h for h in tried[1:] if astray[h] <= _LITTLE and off[h] <= _FAR), default=tried[0])
 
 
-def _astray(evidence: Evidence, tried: list[int]) -> dict[int, float]:
-    """RMS by number of steps, in units of the loss, by which predictions differ from starts off by noise."""
+def _astray(evidence: Evidence, tried: list[int]) -> tuple[dict[int, float], dict[int, float]]:
+    """RMS by number of steps, in units of the loss, by which predictions differ from starts off by noise; from the log.
+
+    The second of coordinates that were measured.
+    """
     physical, log = evidence.seen(evidence.space.nominal)
     scene, model, longest = evidence.model.scene, evidence.model, tried[-1]
     starts = log.windows(longest)
@@ -39,11 +43,16 @@ def _astray(evidence: Evidence, tried: list[int]) -> dict[int, float]:
     off, faster = (noise * draw.choice([-1.0, 1.0], size=(len(starts), scene.nv)) for _ in range(2))
     q = np.concatenate([log.q[starts], scene.integrate(log.q[starts], off)])
     v = np.concatenate([log.v[starts], log.v[starts] + _OF_SPEED / log.dt * faster])
-    found = {}
+    found, missed = {}, {}
     for j in range(longest):
         step = model.predict(q, v, np.tile(log.u[starts + j], (2, 1)), theta=physical)
         q, v = step.q_next, step.v_next
         if j + 1 in tried:
-            apart = scene.difference(*np.split(q, 2)) / evidence.scales(j + 1, 1.0)[0].q
-            found[j + 1] = float(np.sqrt(np.nan_to_num(apart**2, nan=np.inf).mean()))
-    return found
+            unit = evidence.scales(j + 1, 1.0)[0].q
+            off_log = scene.difference(log.q_next[starts + j], q[: len(starts)])
+            found[j + 1], missed[j + 1] = (_rms(apart / unit) for apart in (scene.difference(*np.split(q, 2)), off_log))
+    return found, missed
+
+
+def _rms(x: np.ndarray) -> float:
+    return float(np.sqrt(np.nan_to_num(x**2, nan=np.inf).mean()))
