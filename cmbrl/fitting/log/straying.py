@@ -24,10 +24,15 @@ _OF_SPEED = 0.3  # of the noise by the time step: that of speeds, told by a few 
 
 
 def told_by_model(evidence: Evidence, steps: int) -> int:
-    """``steps``, or a half or a quarter where the file, or the noise of starts by it, would end too far off in more."""
+    """``steps``, or a half or a quarter where the noise of starts would grow too large in more, by the file.
+
+    At most a half where the file itself ends too far off.
+    """
     tried = sorted({max(1, steps // share) for share in _SHARES})
     astray, off = _astray(evidence, tried)
-    return max((h for h in tried[1:] if astray[h] <= _LITTLE and off[h] <= _FAR), default=tried[0])
+    if off[steps] > _FAR and len(tried) > 1:
+        tried = tried[:-1]
+    return max((h for h in tried[1:] if astray[h] <= _LITTLE), default=tried[0])
 
 
 def _astray(evidence: Evidence, tried: list[int]) -> tuple[dict[int, float], dict[int, float]]:
