@@ -13,7 +13,20 @@ from itertools import chain
 from typing import TYPE_CHECKING
 
 from cmbrl.data.fields import Fields
-from cmbrl.data.plausible import base, commands, flight, frames, motion, overlap, ranges, readings, still, units, weight
+from cmbrl.data.plausible import (
+    base,
+    commands,
+    flight,
+    frames,
+    joined,
+    motion,
+    overlap,
+    ranges,
+    readings,
+    still,
+    units,
+    weight,
+)
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
 
@@ -68,11 +81,11 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
         units.past_stops(found),
         still.stuck(found),
         units.turns(found),
-        still.joined(found),
+        joined.joined(found),
         units.velocities(found),
         commands.servos(found, answers),
         commands.forces(found, answers),
-        still.offsets(found),
+        joined.offsets(found),
         commands.saturation(found),
     )
 
