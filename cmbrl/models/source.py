@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ class Source:
     def model(self, data: Transitions | PositionLog | None = None, **options: Any) -> ComplementarityModel:
         """The model with nominal parameters, commands in time and encoders without bias.
 
-        Without a task or a fit, the substeps follow from the log's dt.
+        Without a task, the substeps follow from the log's dt: those of a fit go on as long as its control steps.
 
         ``options`` that are not None override the settings of the task or the fit.
         Raises UserError when the log's dt is not a whole number of the time steps in ``options``.
@@ -44,7 +45,10 @@ class Source:
         chosen = {name: value for name, value in options.items() if value is not None}
         if self.fitted is not None:
             own = {"parameters": self.scene.parameter_vector(), "candidates": None, "observation": None}
-            return self.fitted.with_settings(**{**own, **chosen})
+            model = self.fitted.with_settings(**{**own, **chosen})
+            if data is None or abs(model.dt - data.dt) <= TIME_STEP_TOLERANCE * data.dt:
+                return model
+            return model.at(data.dt)
         if self.task is not None:
             return nominal_model(self.task, self.scene, **chosen)
         model = ComplementarityModel(self.scene, **chosen)

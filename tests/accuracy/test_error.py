@@ -15,7 +15,7 @@ from cmbrl.accuracy.named_models import build_models, notes_on_laws
 from cmbrl.accuracy.plots import plot
 from cmbrl.models.baselines import Ballistic, HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.source import load_source
+from cmbrl.models.source import Source, load_source
 
 DT = 0.01
 CUBE = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>
@@ -226,5 +226,7 @@ def test_a_fit_of_another_rate_steps_as_the_log_does(
     rows_q, rows_v = (torch.cat(part).numpy() for part in zip(*states, strict=True))
     steps = {"u": np.full((40, 1), 0.2), "episode": np.zeros(40, dtype=int), "dt": dt}
     log = Transitions(q=rows_q[:-1], v=rows_v[:-1], q_next=rows_q[1:], v_next=rows_v[1:], **steps)
-    models = build_models(["fit"], source, log, 1)
-    assert compare(models, log, source.scene, horizons=(1, 5)).entry("fit", 5).error < 1e-9
+    of_fit = Source("fit", source.scene, fitted=fit)  # as without --scene: the file steps as the fit does
+    models = build_models(["fit", "nominal"], of_fit, log, 1)
+    for name in models:
+        assert compare(models, log, source.scene, horizons=(1, 5)).entry(name, 5).error < 1e-9
