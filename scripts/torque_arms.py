@@ -23,6 +23,7 @@ import numpy as np
 
 STEP, SECONDS, FITTED, COUNT = 0.001, 20.0, 12.0, 1e-4  # s, s, s, rad
 STRENGTH = np.array([30.0, 30.0, 15.0, 15.0, 5.0, 3.0, 2.0])  # N m, from the base on; 1 beyond
+TOO_FAR = 1e4  # rad, rad/s, N m
 KP, KD, OF_WEIGHT = 32.0, 1.2, 0.9  # of the controller, by strength; share of gravity and inertia that it knows
 
 
@@ -33,6 +34,8 @@ def driven(file: Path) -> mujoco.MjSpec:
     for actuator in list(spec.actuators):
         spec.delete(actuator)
     spec.option.timestep = STEP
+    if not spec.joints or any(j.type != mujoco.mjtJoint.mjJNT_HINGE or not j.name for j in spec.joints):
+        raise SystemExit(f"{file}: has joints without a name, or others than hinges: give the file of an arm")
     for joint in spec.joints:
         motor = spec.add_actuator(name=f"{joint.name}_motor", target=joint.name)
         motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
@@ -86,14 +89,22 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
+    if not given.file.is_file():
+        parser.error(f"{given.file}: no such file")
+    if given.rate < 1 or round(1.0 / STEP) % given.rate:
+        parser.error(f"--rate is {given.rate}; give a divisor of {round(1.0 / STEP)}")
+    if not given.noise >= 0.0:
+        parser.error(f"--noise is {given.noise}; give 0 or more")
     spec, rng = driven(given.file), np.random.default_rng(given.seed)
     model = spec.compile()
     strength = np.ones(model.nv)
     strength[: len(STRENGTH)] = STRENGTH[: model.nv]
-    given.out.mkdir(parents=True, exist_ok=True)
-    (given.out / "robot.xml").write_text(spec.to_xml())
     change(model, strength, rng)
     rows = record(model, strength, given.rate, given.noise, rng)
+    if not np.isfinite(rows).all() or np.abs(rows[:, 1:]).max() > TOO_FAR:
+        parser.error(f"{given.file}: the controller does not hold this arm")
+    given.out.mkdir(parents=True, exist_ok=True)
+    (given.out / "robot.xml").write_text(spec.to_xml())
     joints = [model.joint(k).name for k in range(model.njnt)]
     header = ["time", *(f"{name}{what}" for what in ("_pos", "_vel", "_torque") for name in joints)]
     told = np.array([not name.endswith("_vel") for name in header])
