@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmbrl.data.plausible.motion import Motion
+from cmbrl.data.plausible.motion import Motion, white_noise
 
 ROWS = 200  #: fewer do not show which command moves which joint
 MOST = 20000  #: rows of a regression
@@ -33,10 +33,9 @@ def of_noise(motion: Motion, chosen: list[int]) -> np.ndarray:
 def _noisier(motion: Motion) -> Motion | None:
     """``motion`` with as much noise again in its velocities as third differences show; None if rows are in no order."""
     v, rows = motion.v_now, _neighbours(motion.blocks)
-    third = [np.diff(v[block], n=3, axis=0) for block in motion.blocks] if v is not None else []
-    if v is None or motion.v_after is None or not sum(len(part) for part in third):
+    if v is None or motion.v_after is None or not any(block.stop - block.start > 3 for block in motion.blocks):
         return None
-    size = 1.4826 * np.median(np.abs(np.concatenate(third)), axis=0) / np.sqrt(20.0)  # of white noise
+    size = white_noise(v[block] for block in motion.blocks)
     draw = np.random.default_rng(0)
     now, after = (size * draw.normal(size=v.shape) for _ in range(2))
     after[rows[0]] = now[rows[1]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -123,6 +124,14 @@ class Motion:
             worst[at] = -np.nan_to_num(-all_r, nan=-2.0).max(axis=0)
             slope[at] = np.take_along_axis(slopes, np.abs(np.nan_to_num(all_r)).argmax(axis=0)[None], axis=0)[0]
         return best, worst, slope
+
+
+def white_noise(parts: Iterable[np.ndarray]) -> np.ndarray:
+    """Deviations (n,) of the white noise that third differences of ``parts`` (R, n) show; 0 of too few rows."""
+    third = np.concatenate([np.diff(part, n=3, axis=0) for part in parts])
+    if not len(third):
+        return np.zeros(third.shape[1:])
+    return np.asarray(1.4826 * np.median(np.abs(third), axis=0) / np.sqrt(20.0))
 
 
 def _correlation(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
-from cmbrl.data.plausible.motion import Motion
+from cmbrl.data.plausible.motion import Motion, white_noise
 from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
@@ -162,15 +162,9 @@ def _goes(steps: np.ndarray, run: slice) -> bool:
         return False
     if len(elsewhere) >= LONG and inside.std() > _AS_FAST * elsewhere.std():
         return True
-    noise = _white(inside)
+    noise = float(white_noise([inside]))
     offset = float(inside.mean()) if abs(inside.mean()) < noise else 0.0
     return bool(np.ptp(np.cumsum(inside - offset)) > MEANT + _WALKS * noise * np.sqrt(len(inside)))
-
-
-def _white(x: np.ndarray) -> float:
-    """The standard deviation of white noise that third differences of ``x`` (R,) show."""
-    third = np.abs(np.diff(x, n=3))
-    return float(1.4826 * np.median(third) / np.sqrt(20.0)) if len(third) else 0.0
 
 
 def _uneven(steps: np.ndarray, expected: float) -> bool:

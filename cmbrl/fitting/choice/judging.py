@@ -40,7 +40,8 @@ def helped(errors: dict[str, Errors]) -> bool:
 def typically(errors: dict[str, Errors], blocks: np.ndarray) -> float:
     """How many times smaller held-out ``errors`` of the fit are in the typical part of the log; 1 if that is not clear.
 
-    ``blocks`` (S,): of the starts. A few of them, such as those from which a pole may fall to either side, rule a mean.
+    0 where motion explodes. ``blocks`` (S,): of the starts. A few of them, such as those from which a pole may fall to
+    either side, rule a mean.
     """
     if not np.isfinite(errors[_FITTED].mean):
         return 0.0
@@ -51,7 +52,7 @@ def typically(errors: dict[str, Errors], blocks: np.ndarray) -> float:
 def harmed(errors: dict[str, Errors], typical: float) -> bool:
     """Whether the file clearly predicts better than the fit, by its held-out ``errors``.
 
-    That is in their mean, and not ``typical`` times worse in most of the log.
+    By their mean, unless most of the log is predicted better: ``typical`` times, as of ``typically``.
     """
     return typical <= 1.0 and not errors[_FITTED].mean <= (1.0 + LEAST_GAIN) * errors[_NOMINAL].mean
 
