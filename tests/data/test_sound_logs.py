@@ -63,9 +63,9 @@ def test_noise_of_velocities_under_a_controller_that_damps_is_no_sign_error(
     assert len(list(commands.forces(found, found.answers()))) == told
 
 
-@pytest.mark.parametrize(("answers", "sure"), [(5.0, False), (0.0, True)])
-def test_a_torque_that_answers_to_noise_within_a_sample_is_no_sure_sign_error(
-    tmp_path: Path, answers: float, sure: bool
+@pytest.mark.parametrize(("answers", "told"), [(5.0, []), (0.0, [True])])
+def test_a_torque_that_answers_to_noise_within_a_sample_is_no_sign_error(
+    tmp_path: Path, answers: float, told: list[bool]
 ) -> None:
     """As a motor whose driver logs what it measures: its torque goes with what its velocity has by noise next."""
     body = '<body><joint name="j" armature="1"/><geom size=".1"/></body>'
@@ -81,7 +81,7 @@ def test_a_torque_that_answers_to_noise_within_a_sample_is_no_sure_sign_error(
     seen = v + noise if answers else v
     log = {"q": q[:-1], "q_next": q[1:], "v": seen[:-1], "v_next": seen[1:], "u": torque, "dt": dt}
     found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
-    assert [one.sure for one in commands.forces(found, found.answers()) if "the wrong way" in one.text] == [sure]
+    assert [one.sure for one in commands.forces(found, found.answers()) if "the wrong way" in one.text] == told
 
 
 @pytest.mark.parametrize("between", [0.0, 0.4])

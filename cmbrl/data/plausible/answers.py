@@ -13,6 +13,7 @@ MOST = 20000  #: rows of a regression
 AT_STOP = 0.02  #: share of a joint's range on either side of a limit where the stop may push it
 HIDES = 0.67  #: share of the variance that commands leave of an acceleration
 USUAL = 20.0  #: times the median
+SLOW = 0.05  #: [s] over which the noise of encoders is small beside what torques do
 STRIDE = 4  #: samples over which accelerations are taken from positions alone
 Responses = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -124,6 +125,21 @@ def _rows(motion: Motion, chosen: list[int]) -> _Rows | None:
     return _Rows(np.column_stack([np.ones(len(y)), _scaled(q), _scaled(v), _scaled(past)]), u, y, free)
 
 
+def slowly(motion: Motion, chosen: list[int]) -> np.ndarray:
+    """How surely joints (m,) answer to their own commands over SLOW, by positions alone: slopes in standard errors.
+
+    Beside weight, which goes with sines of angles, and friction, which goes with the direction. 0 of too few rows.
+    """
+    at = [motion.drivers[m].coordinate for m in chosen]
+    u = motion.u[:, chosen] * [np.sign(motion.drivers[m].scale) for m in chosen]
+    q, v, y, u = _from_positions(motion, at, u, max(1, round(SLOW / motion.dt)))
+    state = np.column_stack([np.ones(len(q)), np.sin(q), np.cos(q), _scaled(q), _scaled(v), np.sign(v)])
+    if len(y) < 2 * (state.shape[1] + len(chosen)):
+        return np.zeros(len(chosen))
+    found = [_robust(_beside(state, u), _beside(state, y[:, j])) for j in range(len(chosen))]
+    return np.array([gain[j] / error[j] for j, (gain, error, _) in enumerate(found)])
+
+
 def _neighbours(blocks: tuple[slice, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Rows (R,) that the next one continues, and those next ones."""
     before = [np.arange(one.start, one.stop - 1) for one in blocks if one.stop - one.start > 1]
@@ -147,21 +163,21 @@ def _beside(state: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 
 def _from_positions(
-    motion: Motion, at: list[int], u: np.ndarray
+    motion: Motion, at: list[int], u: np.ndarray, stride: int = STRIDE
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Positions and velocities of all coordinates, second differences of those ``at`` that commands drive, commands.
 
     Over some samples, by block.
     """
     parts = []
-    weights = np.concatenate([np.arange(1, STRIDE + 1), np.arange(STRIDE - 1, 0, -1)]) / STRIDE**2
+    weights = np.concatenate([np.arange(1, stride + 1), np.arange(stride - 1, 0, -1)]) / stride**2
     for block in motion.blocks:
         x, force = motion.now[block], u[block]
-        if len(x) <= 2 * STRIDE:
+        if len(x) <= 2 * stride:
             continue
-        first, middle, last = x[: -2 * STRIDE], x[STRIDE:-STRIDE], x[2 * STRIDE :]
-        mean = sum(w * force[k + 1 : len(force) - 2 * STRIDE + k + 1] for k, w in enumerate(weights))
-        rows = slice(None, None, STRIDE)
+        first, middle, last = x[: -2 * stride], x[stride:-stride], x[2 * stride :]
+        mean = sum(w * force[k + 1 : len(force) - 2 * stride + k + 1] for k, w in enumerate(weights))
+        rows = slice(None, None, stride)
         bent = (last - 2 * middle + first)[rows][:, at]
         parts.append((first[rows], (middle - first)[rows], bent, np.asarray(mean)[rows]))
     if not parts:

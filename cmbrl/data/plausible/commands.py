@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
-from cmbrl.data.plausible.answers import ROWS, Responses, hidden, of_noise, responses
+from cmbrl.data.plausible.answers import ROWS, Responses, hidden, of_noise, responses, slowly
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.motion import LAG, Motion
 
@@ -83,13 +82,15 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
         without = fitted[0] - 2.0 * of_noise(motion, chosen), *fitted[1:]  # noise may be most of what a command tells
         remain = _faults(motion, chosen, best, follows, without)
         swapped, wrong = [x for x in swapped if x in remain[0]], [x for x in wrong if x in remain[1]]
-    slow = responses(replace(motion, v_now=None, v_after=None), chosen) if wrong else None
+    slow = slowly(motion, chosen) if wrong else np.zeros(len(chosen))
     yield from (_pair(motion, chosen[i], chosen[j]) for i, j in swapped)
     for i in wrong:
         m, ratio = chosen[i], fitted[0][i, i] / fitted[1][i, i]
         joint = motion.coordinates[motion.drivers[m].coordinate].name
         light = abs(fitted[0][i, i]) > _LIGHTER * motion.drivers[m].push * motion.dt
-        sure = not light or slow is None or bool(slow[0][i, i] < -_ALSO * slow[1][i, i])
+        if light and slow[i] > _ALSO:
+            continue
+        sure = not light or bool(slow[i] < -_ALSO)
         cause = "; negate one of the two columns" if sure else "? Or does the torque answer to noise? The fit decides"
         yield Finding(
             f"{motion.command_of(m)} pushes joint {joint!r} the wrong way ({ratio:.0f} standard errors): a sign error "
