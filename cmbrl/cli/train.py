@@ -188,6 +188,9 @@ def run(arguments: argparse.Namespace) -> int:
             print(
                 f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}"
             )
+        for update, share in trainer.learned_on:
+            failed = f"{100 * share:.0f} % of episodes failed in the model"
+            print(f"{out}: after {update} updates {failed}, so it learned on")
         if trainer.kept is not None:
             print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
         for place, remark in trainer.remarks.items():

@@ -38,7 +38,8 @@ class LoopConfig(SHACConfig):
         """The settings of one policy in one round."""
         names = [field.name for field in fields(SHACConfig)]
         own = SHACConfig(**{name: getattr(self, name) for name in names})
-        return replace(own, iterations=max(1, int(self.iterations / (self.rounds * (1 + self._extra())))))
+        updates = max(1, int(self.iterations / (self.rounds * (1 + self._extra()))))
+        return replace(own, iterations=updates, again=0)  # where a policy fails, further ones are trained instead
 
     def trial_updates(self) -> int:
         """Updates of each policy before one is chosen."""

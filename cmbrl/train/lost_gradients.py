@@ -6,6 +6,7 @@ from the rest, or from nothing, while returns and norms look sound.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -18,6 +19,7 @@ from cmbrl.mdp import MDP
 
 MOST = 0.5  # share of an update's rows without which it is no update
 SAID = 0.01  # share of a run's rows or updates from which it is said
+PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
 LOOKS = 20  # updates with losses after which the task's functions are tried in the states there
 
 
@@ -25,12 +27,14 @@ LOOKS = 20  # updates with losses after which the task's functions are tried in 
 class LostGradients:
     """Counts of one run: rows [seen, lost] of states and of actions, and updates that were ``skipped``.
 
+    ``in_a_row``: the last updates, as far as they were skipped.
     ``blamed``: the largest shares of states in which functions of the task have no finite derivative, in ``looks``.
     """
 
     rows: dict[str, list[int]] = field(default_factory=lambda: {"states": [0, 0], "actions": [0, 0]})
     updates: int = 0
     skipped: int = 0
+    in_a_row: int = 0
     looks: int = 0
     blamed: dict[str, float] = field(default_factory=dict)
     _before: dict[str, list[int]] = field(default_factory=lambda: {"states": [0, 0], "actions": [0, 0]})
@@ -53,6 +57,16 @@ class LostGradients:
     def share(self) -> float:
         """Of rows of the run, as in ``end_update``."""
         return max(lost / max(1, seen) for seen, lost in self.rows.values())
+
+    def usable(self, norm: float, lost: float, mdp: MDP, q: Tensor, v: Tensor) -> bool:
+        """Whether an update's gradient is: of this norm, and without this share of its rows, in states q and v."""
+        self.updates += 1
+        found = math.isfinite(norm)
+        if lost or not found:
+            self.look(mdp, q, v)
+        self.skipped += not found
+        self.in_a_row = 0 if found else self.in_a_row + 1
+        return found
 
     def look(self, mdp: MDP, q: Tensor, v: Tensor) -> None:
         """Tries the task's functions in the states q (B, nq), v (B, nv) after an update with losses, a few times."""
@@ -78,14 +92,15 @@ class LostGradients:
     def state(self) -> dict[str, Any]:
         """Everything that ``restore`` needs, between updates."""
         rows = {kind: list(counts) for kind, counts in self.rows.items()}
-        counts = {"updates": self.updates, "skipped": self.skipped, "looks": self.looks}
-        return {"rows": rows, **counts, "blamed": dict(self.blamed)}
+        counts = {"updates": self.updates, "skipped": self.skipped, "in_a_row": self.in_a_row}
+        return {"rows": rows, **counts, "looks": self.looks, "blamed": dict(self.blamed)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Continues from what ``state`` returned."""
         self.rows = {kind: list(counts) for kind, counts in state["rows"].items()}
         self._before = {kind: list(counts) for kind, counts in self.rows.items()}
-        self.updates, self.skipped, self.looks = state["updates"], state["skipped"], state["looks"]
+        self.updates, self.skipped, self.in_a_row = state["updates"], state["skipped"], state["in_a_row"]
+        self.looks = state["looks"]
         self.blamed = dict(state["blamed"])
 
 

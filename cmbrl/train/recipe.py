@@ -65,6 +65,8 @@ def configure(name: str, task: Task, changes: Mapping[str, Any] | None = None) -
     given |= task.training.get(name, {})
     check_settings(config, given, f"task {task.name!r}: training[{name!r}]")
     check_settings(config, changes or {}, name)
+    if "iterations" in (changes or {}) and "again" in given:
+        given["again"] = 0  # a run that was given its length has it
     given |= changes or {}
     settings = RECIPES.get(name, _none)(decision_process(task))
     if chosen.measures and not {"window", "horizon"} & given.keys():

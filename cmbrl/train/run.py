@@ -181,6 +181,8 @@ class TrainingRun:
         result |= self._conditions()
         if self.trainer.returns_to:
             result["went_back"] = [list(pair) for pair in self.trainer.returns_to]
+        if self.trainer.learned_on:
+            result["learned_on"] = [list(pair) for pair in self.trainer.learned_on]
         if self.trainer.kept is not None:
             result["kept"] = self.trainer.kept
         trials = self.trainer.failed_trials() if stopped == FINISHED else {}

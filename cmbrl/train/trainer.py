@@ -59,6 +59,7 @@ class Trainer(ABC):
     kept: int | None = None  #: the update whose policy is kept instead of the last one
     remarks: Mapping[str, str] = MappingProxyType({})  #: what else it has to say, by the place in its folder
     returns_to: Sequence[Sequence[int]] = ()  #: updates after which it went back, and to which
+    learned_on: Sequence[tuple[int, float]] = ()  #: planned ends that it went beyond, and shares of failed trials there
     simulation: Simulation | None = None  #: whose last states a diverged run keeps; None where there is none
 
     @abstractmethod

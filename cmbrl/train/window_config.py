@@ -20,6 +20,9 @@ class WindowConfig(CriticConfig):
     """Settings of windows, noise and steps; where a task gives none, `cmbrl.train.recipe` derives them from it."""
 
     iterations: int = setting(1000, "updates of the policy", least=1)
+    again: int = setting(
+        0, "how often it learns on for as many updates, while its policy fails in the model; not in loop", least=0
+    )
     window: float = setting(0.256, "length of a window [s]", above=0)
     horizon: int | None = setting(None, "control steps of a window; overrides window", least=1)
     discount: float = setting(0.99, "discount per control step", least=0)

@@ -17,18 +17,16 @@ from cmbrl.mdp import MDP
 from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
 from cmbrl.train.critic import Critic
-from cmbrl.train.lost_gradients import LostGradients, blame
+from cmbrl.train.lost_gradients import PATIENCE, LostGradients, blame
 from cmbrl.train.optimiser import PolicyOptimiser
-from cmbrl.train.peak import Peak
 from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.randomness import GlobalRandomness
+from cmbrl.train.schedule import Schedule
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
 from cmbrl.train.window_config import GROWN, WindowConfig
 
 LATE = 0.75  # share after which no fall of returns is of use: little is left to be found
-LEARNED = 0.5  # where the schedules of a run begin that goes on from a policy, as if so much were done
 MEMORIES = 3  # of the discount: how long the critic of a run that goes on learns before the policy moves
-PATIENCE = 10  # updates in a row without a finite gradient before a run is given up
 
 
 class WindowLearner(Trainer):
@@ -90,11 +88,10 @@ class WindowLearner(Trainer):
             self.critic = None if critic is None else Critic(self.policy, config, config.discount, critic)
         self.policy.normaliser.update(self.simulation.observe().float())
         self.optimiser = PolicyOptimiser(self.policy.net, config.optimiser, rate, betas)
-        self.iteration = self.unusable = 0
+        self.iteration = 0
         self.lost = LostGradients()
-        self.peak = Peak(config.iterations, self.mdp.episode_steps / self.horizon)
+        self.schedule = Schedule(config.iterations, config.again, self.mdp.episode_steps / self.horizon)
         self.returns_to: list[list[int]] = []
-        self.begun = 0.0  #: share of the schedules that was done before the first update
 
     def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
         """Goes on from a policy of these weights; rates, noise and episode lengths begin as halfway through.
@@ -102,7 +99,7 @@ class WindowLearner(Trainer):
         The policy stays until the critic knows it: see ``listens``.
         """
         self.policy.load_state_dict(weights)
-        self.begun = LEARNED
+        self.schedule.learned()
 
     @property
     def listens(self) -> int:
@@ -111,7 +108,7 @@ class WindowLearner(Trainer):
         A critic that knows nothing yet sees no reward beyond a window, and such a gradient leads a good policy away.
         What it learns reaches one window further back in each update, so that it takes some memories of the discount.
         """
-        if self.critic is None or not self.begun:
+        if self.critic is None or not self.schedule.begun:
             return 0
         memory = 1.0 / (1.0 - self.config.discount)  # control steps
         return min(math.ceil(MEMORIES * memory / self.horizon), self.config.iterations // 10)
@@ -129,7 +126,7 @@ class WindowLearner(Trainer):
 
     def update(self) -> dict[str, float]:
         """One update; returns its metrics. Raises Diverged when gradients stay unusable."""
-        progress = self.begun + (1.0 - self.begun) * min(self.iteration / self.config.iterations, 1.0)
+        progress = self.schedule.progress(self.iteration)
         self.optimiser.rate = self.rate * (1.0 - progress)
         for simulation in self.simulations:
             simulation.mdp = self.config.episode(self.mdp, progress)
@@ -140,22 +137,34 @@ class WindowLearner(Trainer):
         simulated = sum(simulation.steps_taken for simulation in self.simulations)
         metrics |= {"steps": float(steps_taken(self.model, simulated)), "failures": float(failures(self.moving) or 0)}
         metrics |= episode_metrics([episode for s in self.simulations for episode in s.finished])
+        peak = self.schedule.peak
         if progress >= GROWN and "return" in metrics:
-            self.peak.take(self.iteration, metrics["return"], self._learner)
-            if self.peak.waits(self.iteration):  # what is held of them is of episodes that the lost learner began
+            peak.take(self.iteration, metrics["return"], self._learner)
+            if peak.waits(self.iteration):  # what is held of them is of episodes that the lost learner began
                 for simulation in self.simulations:
                     simulation.finished.clear()
-            if progress >= LATE and self.peak.lost and self.iteration < self.config.iterations:
+            if progress >= LATE and peak.lost and self.iteration < self.schedule.end:
                 self._go_back()
-        if self.iteration == self.config.iterations and self.peak.give_back(self.policy, self._earned):
-            self.kept = self.peak.iteration
+        if self.iteration == self.schedule.end:
+            self.kept = self.schedule.conclude(self.policy, self._earned, self.failed_trials)
         return metrics
+
+    @property
+    def further(self) -> int:
+        """Updates of schedules that began again."""
+        return self.schedule.first
+
+    @property
+    def learned_on(self) -> list[tuple[int, float]]:  # type: ignore[override]
+        """Where they did."""
+        return self.schedule.failing
 
     def _go_back(self) -> None:
         """To the learner before the peak of returns; noise goes on."""
         generator = self.generator.get_state()
-        self.returns_to.append([self.iteration, self.peak.iteration])
-        self._become(self.peak.back(self.iteration))
+        peak = self.schedule.peak
+        self.returns_to.append([self.iteration, peak.iteration])
+        self._become(peak.back(self.iteration))
         self.generator.set_state(generator)
 
     def _earned(self) -> float:
@@ -169,18 +178,13 @@ class WindowLearner(Trainer):
         return {}
 
     def _step(self, norm: float, lost: float, progress: float) -> dict[str, float]:
-        self.lost.updates += 1
-        if lost or not math.isfinite(norm):
-            self.lost.look(self.mdp, self.simulation.q, self.simulation.v)
-        if math.isfinite(norm):
-            self.unusable = 0
+        q, v = self.simulation.q.detach(), self.simulation.v.detach()
+        if self.lost.usable(norm, lost, self.mdp, q, v):
             return self.step(progress) if self.iteration >= self.listens else {}
-        self.unusable += 1
-        self.lost.skipped += 1
-        if self.unusable > PATIENCE:
-            states = {"q": self.simulation.q.detach().numpy(), "v": self.simulation.v.detach().numpy()}
+        if self.lost.in_a_row > PATIENCE:
             remedy = blame(self.lost.blamed) or self.remedy
-            raise Diverged(f"{self.title}: {self.unusable} gradients in a row were not finite: {remedy}", states)
+            text = f"{self.title}: {self.lost.in_a_row} gradients in a row were not finite: {remedy}"
+            raise Diverged(text, {"q": q.numpy(), "v": v.numpy()})
         return {}
 
     @property
@@ -214,12 +218,10 @@ class WindowLearner(Trainer):
         """Everything that the next update depends on."""
         return {
             "iteration": self.iteration,
-            "begun": self.begun,
-            "unusable": self.unusable,
+            "schedule": self.schedule.state(),
             "lost": self.lost.state(),
             "kept": self.kept,
             "returns_to": self.returns_to,
-            "peak": self.peak.state(),
             **self._learner(),
             "generator": self.generator.get_state(),
             "simulations": [simulation.state() for simulation in self.simulations],
@@ -238,10 +240,10 @@ class WindowLearner(Trainer):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
-        self.iteration, self.begun, self.unusable = state["iteration"], state["begun"], state["unusable"]
+        self.iteration = state["iteration"]
+        self.schedule.restore(state["schedule"])
         self.kept, self.returns_to = state["kept"], state["returns_to"]
         self.lost.restore(state["lost"])
-        self.peak.restore(state["peak"])
         self._become(state)
         self.generator.set_state(state["generator"])
         for simulation, kept in zip(self.simulations, state["simulations"], strict=True):

@@ -191,8 +191,8 @@ def test_a_run_that_ends_below_its_peak_keeps_that_policy(monkeypatch):
     monkeypatch.setattr(trainer, "_earned", lambda: next(earned))
     for _ in range(config.iterations - 1):
         trainer.update()
-    trainer.peak.best, trainer.peak.mean, trainer.peak.seen = 9.0, 1.0, 50
-    trainer.peak.iteration, trainer.peak.learner = 2, {"policy": held}
+    trainer.schedule.peak.best, trainer.schedule.peak.mean, trainer.schedule.peak.seen = 9.0, 1.0, 50
+    trainer.schedule.peak.iteration, trainer.schedule.peak.learner = 2, {"policy": held}
     trainer.update()
     assert trainer.kept == 2
     assert all(torch.equal(value, held[name]) for name, value in trainer.policy.state_dict().items())

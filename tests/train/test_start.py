@@ -12,9 +12,9 @@ from cmbrl import ComplementarityModel
 from cmbrl.errors import UserError
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.policy_file import save_policy
+from cmbrl.train.schedule import LEARNED
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.start import carried_over
-from cmbrl.train.windows import LEARNED
 
 from . import slider
 
