@@ -28,6 +28,7 @@ _INERTIAS = {"damping": 5.0, "armature": 1.0, "frictionloss": 30.0}
 STRENGTHS = {"damping": 0.5, "armature": 0.01, "frictionloss": 0.25}
 _WEIGHTS = 3.0
 _TIMES = 20.0  # and its inverse, of what is not 0 in the file
+_GAIN = 2.5  # reach of gains, to 56 times the file's and its inverse: a log's units, or a driver's, may be others
 _REACH = 0.2  # [rad, m] off its target, where a servo without a limit is said to give all it has
 _LEAST_LIMIT = {True: 0.01, False: 1e-9}  # of the file's limit of a force; of UNLIMITED, where it has none
 _STEEPEST = 1e3  # [N m s/rad, N s/m] of a limit that falls with speed
@@ -193,19 +194,20 @@ def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: 
     stiffness, damping = -float(actuator.bias[1]), -float(actuator.bias[2])
     servo = actuator.gear != 0 and stiffness > 0 and actuator.gain != 0
     if actuator.gear and not (servo and actuator.gear == 1 and actuator.gain == stiffness):
-        out.add("gear", actuator.name, 1.0, 0.2, 5.0, "1", [layout.actuator(k)], actuator.gear)
+        out.add("gear", actuator.name, 1.0, 0.2, 5.0, "1", [layout.actuator(k)], actuator.gear, reach=_GAIN)
     joint = next((j for j in tree.joints if j.kind != JointKind.BALL and j.vadr == actuator.line), None)
     if actuator.gear and joint:
         _offer_limits(actuator, joint.kind == JointKind.SLIDE, layout, k, out)
     if actuator.gear and not stiffness and damping > 0 and actuator.gain == damping:
         places = [layout.actuator(k, field) for field in ("gain", "bias2")]
-        out.add("kv", actuator.name, damping, damping / 5, damping * 5, "1", places, np.array([1.0, -1.0]))
+        share = np.array([1.0, -1.0])
+        out.add("kv", actuator.name, damping, damping / 5, damping * 5, "1", places, share, reach=_GAIN)
     if not servo:
         return
     held = {"gain": actuator.gain / stiffness, "bias1": -1.0, "bias0": float(actuator.bias[0]) / stiffness}
     held = {field: each for field, each in held.items() if each}
     places, shares = [layout.actuator(k, field) for field in held], np.array(list(held.values()))
-    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, shares)
+    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, shares, reach=_GAIN)
     if damping > 0:
         out.add("kd", actuator.name, damping, damping / 20, damping * 20, "1", [layout.actuator(k, "bias2")], -1.0)
 
