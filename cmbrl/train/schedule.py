@@ -1,8 +1,8 @@
 """How far a run is along its schedules, from which rates, noise and lengths of episodes follow; and whether it is over.
 
-A hard motion may need twice the updates of an easy one: of two fights by a G1, the one of 3,000 updates fell in 2 of 5
-real episodes, the one of 6,000 in none. A run cannot know that before. So one whose policy still fails in the model
-begins its schedules again, halfway.
+A hard motion may need twice the updates of an easy one, and a run cannot know that before. So one whose policy still
+fails in the model begins its schedules again, halfway: a fight by a G1, which fell in 9 of 20 real episodes after 3,000
+updates, fell in none after 3,000 more.
 """
 
 from __future__ import annotations
