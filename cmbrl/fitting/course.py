@@ -22,7 +22,8 @@ from cmbrl.fitting.choice.polish import polished
 from cmbrl.fitting.choice.told_gains import GAINS
 from cmbrl.fitting.log.judge import Judge
 from cmbrl.fitting.log.sliding import label, supported_sliding
-from cmbrl.fitting.log.survey import Survey, Surveyor
+from cmbrl.fitting.log.survey import Surveyor
+from cmbrl.fitting.log.surveyed import Survey
 from cmbrl.fitting.outcome.agreement import Comparison
 from cmbrl.fitting.outcome.verdict import stepping
 from cmbrl.fitting.refining import Refining

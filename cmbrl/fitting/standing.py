@@ -13,7 +13,7 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.choice.trials import Incumbent
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.judge import Judge
-from cmbrl.fitting.log.survey import Survey
+from cmbrl.fitting.log.surveyed import Survey
 from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.pace import ALLOWED, Pace, Plan, Speed
 from cmbrl.fitting.search.folds import Folds, draw_starts

@@ -8,7 +8,7 @@ import pytest
 import cmbrl
 from cmbrl.fitting.choice.polish import _same_motion
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.fitting.log.survey import Survey
+from cmbrl.fitting.log.surveyed import Survey
 from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.outcome.identify import _flat_directions, identify
 from cmbrl.fitting.outcome.ratios import beside, ratios

@@ -12,7 +12,7 @@ import pytest
 import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.log.evidence import HORIZONS, Evidence
-from cmbrl.fitting.log.survey import _best
+from cmbrl.fitting.log.surveyed import best_horizon
 
 PENDULUM = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><body pos="0 0 1"><joint name="j"
 axis="0 1 0" {joint}/><geom type="capsule" size=".02" fromto="0 0 0 0 0 -.4" mass=".6"/></body></worldbody><actuator>
@@ -75,6 +75,6 @@ def test_positions_under_torques_are_compared_no_further_than_the_file_follows(
 
 
 def test_the_longest_of_the_long_horizons_that_are_about_as_good() -> None:
-    assert _best({1: -0.2, 4: -0.301, 10: -0.3}) == 4
-    assert _best({1: -0.2, 10: -0.38, 20: -0.25, 50: -0.29, 100: -0.36}) == 100
-    assert _best({10: -0.4, 20: -0.6, 50: -0.45}) == 20
+    assert best_horizon({1: -0.2, 4: -0.301, 10: -0.3}) == 4
+    assert best_horizon({1: -0.2, 10: -0.38, 20: -0.25, 50: -0.29, 100: -0.36}) == 100
+    assert best_horizon({10: -0.4, 20: -0.6, 50: -0.45}) == 20

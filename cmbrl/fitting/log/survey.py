@@ -10,7 +10,7 @@ repeated if it changes much.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -18,54 +18,19 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.log.evidence import HORIZONS, LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.log.judge import Judge, score
 from cmbrl.fitting.log.left import left_of_changes
 from cmbrl.fitting.log.noise import sensor_noise
 from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
+from cmbrl.fitting.log.surveyed import Survey, alike, best_horizon
 from cmbrl.fitting.search.folds import draw_starts, fold_of_rows
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.ways import Ways
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
 
-_NEARLY = 0.005  # of the logarithm of the error
-_ABOUT = 0.1  # the same, where one is easier to tell by
 _SAME = 1e-9  # relative difference of two losses that rounding explains
-_SAME_NOISE = 0.2  # relative change that needs no second fit
-
-
-@dataclass(frozen=True)
-class Survey:
-    """``horizon`` of the loss, ``noise`` (logs, 2 nv) or None, and the ``scores`` by horizon (lower is better).
-
-    ``z`` (n,): where the fit over that horizon ended; None if there was nothing to choose. ``left`` (nv,): the share of
-    the change that a short fit leaves of each position (``left``); None of a log of states, and of what does not
-    drift.
-    """
-
-    horizon: int
-    noise: np.ndarray | None
-    scores: dict[int, float]
-    z: np.ndarray | None = None
-    left: np.ndarray | None = None
-
-    @property
-    def better(self) -> np.ndarray | None:
-        """``z``, if held-out episodes are predicted better there than by the file."""
-        return self.z if self.scores and min(self.scores.values()) < 0.0 else None
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON types; the inverse is ``from_dict``."""
-        noise, z, left = (None if x is None else x.tolist() for x in (self.noise, self.z, self.left))
-        scores = [[h, s] for h, s in self.scores.items()]
-        return {"horizon": self.horizon, "noise": noise, "scores": scores, "z": z, "left": left}
-
-    @classmethod
-    def from_dict(cls, saved: dict[str, Any]) -> Survey:
-        """Inverse of ``to_dict``."""
-        noise, z, left = (None if saved[name] is None else np.array(saved[name]) for name in ("noise", "z", "left"))
-        return cls(saved["horizon"], noise, {h: s for h, s in saved["scores"]}, z, left)
 
 
 @dataclass(frozen=True)
@@ -119,10 +84,10 @@ class Surveyor:
             pass
         if not scores:
             return Survey(enough[0], noise, {})
-        horizon = _best(scores)
+        horizon = best_horizon(scores)
         z = fitted[horizon]
         before, noise = noise, self._noise(self.evidence.space.theta(z))
-        if not _alike(before, noise):
+        if not alike(before, noise):
             with suppress(OutOfTime):
                 z = self._fit("survey with the noise", horizon, noise, self.begin, z)
                 noise = self._noise(self.evidence.space.theta(z))
@@ -259,19 +224,3 @@ class Surveyor:
     @cached_property
     def _nominal(self) -> float:
         return score(self._judges, self.evidence.space.nominal)
-
-
-def _best(scores: Mapping[int, float]) -> int:
-    """The shortest of nearly the best horizons; of those that are long for the sake of noise, the longest.
-
-    Over short ones, noise hides what parameters change: fits lead to about the same place, and nothing tells that.
-    """
-    best = min(scores.values())
-    long = [h for h, s in scores.items() if h > max(HORIZONS) and s <= best + _ABOUT]
-    return max(long) if long else min(h for h, s in scores.items() if s <= best + _NEARLY)
-
-
-def _alike(before: np.ndarray | None, after: np.ndarray | None) -> bool:
-    if before is None or after is None:
-        return before is after
-    return bool(np.allclose(before, after, rtol=_SAME_NOISE, atol=0.0))

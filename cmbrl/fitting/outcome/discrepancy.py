@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
-from cmbrl.fitting.log.survey import Survey
+from cmbrl.fitting.log.surveyed import Survey
 from cmbrl.fitting.outcome.identify import inverse
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.search.loss_values import NormalEquations
