@@ -1,6 +1,7 @@
 """A fit of encoder positions and commands alone: a servo-driven leg in MuJoCo that is not the one of the file."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -116,3 +117,20 @@ def test_mistakes(leg: dict[str, Path], words: list[str], message: str, capsys: 
     command = ["error", "--data", str(leg["later"]), "--scene", str(leg["scene"]), *words, "nominal"]
     assert main(command) == 2
     assert message in capsys.readouterr().err
+
+
+def test_gains_far_from_the_file_s(tmp_path: Path) -> None:
+    """A file 20 times too stiff: gains go beyond what is expected of them, and end on no bound."""
+    real = LEG.format(damping=0.2, friction=0.1)
+    stiff = real.replace('kp="25" kv="1"', 'kp="500" kv="20"')
+    (tmp_path / "leg.xml").write_text(stiff)
+    log = replace(record(real, 8.0, 0), kp=None, kd=None)
+    result = cmbrl.fit(cmbrl.ComplementarityModel(Scene.from_mjcf(tmp_path / "leg.xml")), log, budget=QUICK)
+    value = {name: p.value for name, p in result.parameters.items()}
+    assert value["kp.m_knee"] == pytest.approx(value["kp.m_hip"], rel=0.05)
+    assert value["kp.m_hip"] / value["frictionloss.hip"] == pytest.approx(25.0 / 0.1, rel=0.1)  # motion tells ratios
+    damping = value["kd.m_hip"] + value["damping.hip"]
+    assert value["kp.m_hip"] / damping == pytest.approx(25.0 / 1.2, rel=0.05)
+    assert not result.report["at_bound"]
+    held_out = {k: v["rmse"] for k, v in result.report["loss"].items()}
+    assert held_out["held out, fitted"] < 0.1 * held_out["held out, nominal"]
