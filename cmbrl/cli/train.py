@@ -192,7 +192,7 @@ def run(arguments: argparse.Namespace) -> int:
             failed = f"{100 * share:.0f} % of episodes failed in the model"
             print(f"{out}: after {update} updates {failed}, so it learned on")
         if trainer.kept is not None:
-            print(f"{out}: the policy of update {trainer.kept} is kept: the last one earns less in the model")
+            print(f"{out}: the policy of update {trainer.kept} is kept: the last one does worse in the model")
         for place, remark in trainer.remarks.items():
             print(f"{out / place}: {remark}")
         if trainer.gradients:
