@@ -109,7 +109,7 @@ def scene_of(log: PositionLog, scene: Scene) -> Scene:
 
 
 def _other_servo(log: PositionLog, scene: Scene, column: int, actuator: int) -> Drive | None:
-    """A servo with the gains that ``log`` tells, where they are beyond what the file's may become; else None."""
+    """A servo with the gains that ``log`` tells, where they are beyond what is expected of the file's; else None."""
     if log.command_kind != "position" or not 0 <= scene.core.act_line[actuator] < scene.nv:
         return None
     P, layout, name = scene.core.P, scene.layout, scene.actuator_names[actuator]
@@ -120,7 +120,8 @@ def _other_servo(log: PositionLog, scene: Scene, column: int, actuator: int) -> 
         if told is None:
             continue
         gains[k], p = float(told[column]), known.get(f"{group}.{name}")
-        beyond |= gains[k] > 0.0 if p is None else not p.low <= gains[k] / gear**2 <= p.high
+        low, high = (0.0, 0.0) if p is None else p.expected
+        beyond |= not low <= gains[k] / gear**2 <= high
     return Drive(name, "position", *gains) if beyond and gains[0] > 0.0 else None
 
 

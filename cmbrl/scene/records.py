@@ -62,6 +62,17 @@ class Parameter:
     default: bool = True
     reach: float = 1.0
 
+    @property
+    def expected(self) -> tuple[float, float]:
+        """The range that is expected, which its bounds reach beyond."""
+        low, high = (
+            self.nominal * (bound / self.nominal) ** (1.0 / self.reach)
+            if self.transform == "log"
+            else self.nominal + (bound - self.nominal) / self.reach
+            for bound in (self.low, self.high)
+        )
+        return low, high
+
 
 @dataclass(frozen=True)
 class Joint:
