@@ -79,7 +79,12 @@ class Schedule:
         return {**told, "peak": self.peak.state()}
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Continues from what ``state`` returned."""
+        """Continues from what ``state`` returned.
+
+        A run that began again, and is given another length now, has that in all.
+        """
         self.begun, self.first, self._policy = state["begun"], state["first"], state["policy"]
         self.failing = [(int(update), float(share)) for update, share in state["failing"]]
         self.peak.restore(state["peak"])
+        if self.first and not self.most:
+            self.updates = max(1, self.updates - self.first)

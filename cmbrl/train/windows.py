@@ -152,7 +152,7 @@ class WindowLearner(Trainer):
     @property
     def further(self) -> int:
         """Updates of schedules that began again."""
-        return self.schedule.first
+        return self.schedule.end - self.config.iterations
 
     @property
     def learned_on(self) -> list[tuple[int, float]]:  # type: ignore[override]

@@ -72,6 +72,14 @@ def test_a_run_that_learns_on_ends_at_the_same_bits_after_a_restart(tmp_path: Pa
         assert torch.equal(a, b)
 
 
+@pytest.mark.parametrize("length", [10, 6])  # of the run in all, which has 8
+def test_a_run_that_learned_on_and_is_given_another_length_has_that(length: int, tmp_path: Path) -> None:
+    TrainingRun(trainer(tmp_path, [0.3, 0.2, 0.0]), tmp_path / "run", {"task": "slider"}).train(SMALL.iterations)
+    given = trainer(tmp_path, [0.0], replace(SMALL, iterations=length, again=0))
+    run = TrainingRun(given, tmp_path / "run", {"task": "slider"}, resume=True)
+    assert run.train(length).iteration == max(length, 8)
+
+
 def test_progress() -> None:
     schedule = Schedule(100, again=1)
     assert [schedule.progress(k) for k in (0, 50, 100)] == [0.0, 0.5, 1.0]
