@@ -34,7 +34,7 @@ class Entry:
     penetration_mean_mm: float  # mean over those states of the deepest penetration; zero without contact
     diverged: int  # windows with a prediction that is not finite
     failures: int | None  # steps whose solver did not converge, in "all" only; None: solves nothing
-    step_microseconds: float | None  # wall time per step and window in a batch, in "all" only
+    step_microseconds: float | None  # processor time per step and window in a batch, in "all" only
 
 
 @dataclass(frozen=True)
