@@ -141,6 +141,22 @@ def test_a_start_of_chance_does_not_say_what_a_law_does_to_the_rest(setup, chanc
     assert extension._helps(trial, before, "backlash") == (helps and chance < 1.0)  # as friction stands for it
 
 
+@pytest.mark.parametrize(
+    ("gain", "noise", "law", "fit"), [(0.3, 0.05, True, True), (0.05, 0.0, False, True), (0.3, 0.12, False, True)]
+)
+def test_a_law_has_to_gain_more_than_a_further_fit(setup, gain, noise, law, fit):
+    """A tenth of the loss, and three times its noise: what is worth a parameter of the file is not yet worth a law."""
+    space, loss, folds = setup
+    extension = Extension(space, loss, folds, [], 0, Budget(), Journal(None, ""))
+    calm = np.full(len(folds.blocks()), 1e-3)
+    before = Errors(calm, calm, 0, 1.0)
+    first = np.arange(len(calm)) == 0  # so that the usual part says nothing
+    after = Errors(np.where(first, calm * (1.0 - gain * len(calm)), calm), calm, 0, 1.0)
+    trial = Trial(np.zeros(2), np.ones(2, dtype=bool), after, gain * 1e-3, noise * 1e-3, 0.0, 0.0, 0.0)
+    assert extension._helps(trial, before, "stribeck") == law
+    assert extension._helps(trial, before) == fit
+
+
 @pytest.mark.parametrize("gap", [False, True])
 def test_a_gap_that_only_the_usual_part_of_a_log_calls_for_goes(setup, monkeypatch, gap):
     """Without it all starts but one, which rules the mean, are predicted 1.2 times as badly: friction may do that."""

@@ -30,6 +30,8 @@ LAWS = (*GAINS, *drives.GROUPS, ZERO, "friction_slope", "stribeck")  #: groups t
 _FORECAST = (*GAINS, ZERO, "friction_slope")  # act in proportion; to first order, dry friction takes Stribeck's part
 _AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
 _WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
+_OF_A_LAW = 0.1  # of the loss, at least: several are tried, and each holds where no log has been
+_OF_A_MEAN = 3.0  # times its noise: a few windows may rule it
 _STANDS_FOR = frozenset({drives.GAP})  # friction, in the typical part of a log, where joints move: the mean has to fall
 _SETTLING = 2  # times that a fit of everything goes on before laws are added to it
 
@@ -93,15 +95,16 @@ class Extension(Trials):
         """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
         if law in GAINS and trial.gain < _WRONG * before.mean:
             return False
-        typical = law not in _STANDS_FOR and self._typically_worse(trial.errors, before)
-        falls = trial.counts(before.mean) or typical
+        share, factor = (_OF_A_LAW, _OF_A_MEAN) if law else (LEAST_GAIN, NOISE_FACTOR)
+        typical = law not in _STANDS_FOR and self._typically_worse(trial.errors, before, share)
+        falls = trial.counts(before.mean, share, factor) or typical
         explodes = not np.isfinite(trial.gain)
         return falls and not explodes and not self._typically_worse(before, trial.errors)
 
-    def _typically_worse(self, one: Errors, other: Errors) -> bool:
+    def _typically_worse(self, one: Errors, other: Errors, share: float = LEAST_GAIN) -> bool:
         """Whether most of the log is predicted clearly worse with the ``other`` errors."""
         rise, noise = typical_rise(one.loss, other.loss, self.folds.blocks())
-        return rise > max(NOISE_FACTOR * noise, LEAST_GAIN)
+        return rise > max(NOISE_FACTOR * noise, share)
 
     def _limited(self, incumbent: Incumbent, chosen: np.ndarray, plain: Trial) -> Trial | None:
         """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.

@@ -85,9 +85,9 @@ class Trial:
             and self.strain < strain + max(LEAST_STRAIN, SHARE_OF_STRAIN * strain)
         )
 
-    def counts(self, loss: float) -> bool:
+    def counts(self, loss: float, share: float = LEAST_GAIN, factor: float = NOISE_FACTOR) -> bool:
         """Whether the fall of the held-out ``loss`` exceeds noise and accuracy and is worth a parameter."""
-        return self.gain > max(NOISE_FACTOR * self.noise, LEAST_GAIN * loss, SOLVED)
+        return self.gain > max(factor * self.noise, share * loss, SOLVED)
 
 
 @dataclass(frozen=True)
