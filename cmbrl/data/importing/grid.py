@@ -36,6 +36,7 @@ class Counts:
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)  #: samples that are no numbers, by column
+    stray: dict[str, list[float]] = field(default_factory=dict)  #: readings that stand alone, by column
 
 
 def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str, counts: Counts) -> Series:

@@ -10,6 +10,7 @@ from cmbrl.data.importing.bodies import TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series, clean
 from cmbrl.data.importing.recording import Recording, Table
 from cmbrl.data.importing.targets import Target
+from cmbrl.data.stray import stray
 from cmbrl.data.turns import within_a_turn
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
@@ -99,4 +100,13 @@ def _of_table(
                 (np.abs(np.diff(one.values - whole, axis=0)) > 1).sum()
             )
             one = Series(one.time, whole, one.kind)
-        yield key, one
+        yield key, _without_stray(column, one, counts)
+
+
+def _without_stray(column: str, one: Series, counts: Counts) -> Series:
+    """The series of a column without the readings that stand alone: what comes between them is filled in later."""
+    lone = stray(one.values[:, 0], commanded=one.kind == "held")
+    if not lone.any():
+        return one
+    counts.stray.setdefault(column, []).extend(one.values[lone, 0].tolist())
+    return Series(one.time[~lone], one.values[~lone], one.kind)

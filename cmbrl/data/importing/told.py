@@ -75,6 +75,10 @@ def told(counts: Counts, gap: int) -> list[str]:
         )
     if missing := [f"{n} of {column}" for column, n in counts.missing.items() if n]:
         notes.append(f"samples that are no numbers were filled in, or left out where many are: {', '.join(missing)}")
+    if alone := [
+        f"{len(x)} of {column} ({x[0]:.4g}{' and others' * (len(x) > 1)})" for column, x in counts.stray.items()
+    ]:
+        notes.append(f"samples that stand alone, as no motion does, were taken for lost: {', '.join(alone)}")
     if repeated := sum(counts.repeated.values()):
         notes.append(f"{counted(repeated, 'sample')} that repeat a time were dropped")
     if counts.gaps:

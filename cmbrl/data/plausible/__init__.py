@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from cmbrl.data.fields import Fields
 from cmbrl.data.plausible import (
+    alone,
     base,
     commands,
     flight,
@@ -59,6 +60,7 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     yield from frames.unexplained(log, scene)
     yield from weight.untold(found, scene)
     yield from overlap.of_transitions(log, scene)
+    yield from alone.of_transitions(log, scene)
 
 
 def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
@@ -70,6 +72,7 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     yield from _of_motion(found)
     yield from weight.untold(found, scene)
     yield from overlap.of_positions(log, scene)
+    yield from alone.of_positions(log, scene)
 
 
 def _of_motion(found: motion.Motion) -> Iterator[Finding]:

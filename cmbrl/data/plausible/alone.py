@@ -1,0 +1,58 @@
+"""Readings that stand alone, in logs that no import has cleaned of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cmbrl.data.fields import Fields
+from cmbrl.data.plausible.finding import Finding
+from cmbrl.data.splitting import follows
+from cmbrl.data.stray import LONGEST, stray
+from cmbrl.scene.records import JointKind
+
+if TYPE_CHECKING:
+    from cmbrl.data.position_log import PositionLog
+    from cmbrl.scene import Scene
+
+
+def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
+    """Positions of hinges and slides, velocities and controls of transitions."""
+    ends = np.flatnonzero(~follows(log)) + 1
+    for joint in (each for each in scene.joints if each.kind != JointKind.BALL):
+        name = scene.coordinate_names[joint.vadr]
+        yield from _of(f"q of {name!r}", log["q"][:, joint.qadr], ends, turns=joint.kind == JointKind.HINGE)
+    for k, name in enumerate(scene.coordinate_names):
+        yield from _of(f"v of {name!r}", log["v"][:, k], ends)
+    for k, name in enumerate(scene.actuator_names):
+        yield from _of(f"u of {name!r}", log["u"][:, k], ends, commanded=True)
+
+
+def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
+    """Positions, places of the base and commands of a position log."""
+    ends, hinges = np.flatnonzero(np.diff(log.episode)) + 1, {j.vadr for j in scene.joints if j.kind == JointKind.HINGE}
+    for k, (name, place) in enumerate(zip(log.joint_names, log.coordinates(scene).tolist(), strict=True)):
+        yield from _of(f"joint_position of {name!r}", log.position[:, k], ends, turns=place in hinges)
+    for k, name in enumerate("xyz" if log.base is not None and log.place_told else ""):
+        yield from _of(f"{name} of base_position", log.base[:, k], ends)  # type: ignore[index]
+    for k, name in enumerate(log.command_names):
+        yield from _of(f"the command of {name!r}", log.command[:, k], ends, commanded=True)
+
+
+def _of(
+    column: str, x: np.ndarray, ends: np.ndarray, turns: bool = False, commanded: bool = False
+) -> Iterator[Finding]:
+    """What stands alone in a column (T,) whose episodes begin at ``ends`` besides 0. ``turns``: it may go round."""
+    for first, end in pairwise([0, *ends.tolist(), len(x)]):
+        part = np.unwrap(x[first:end]) if turns else x[first:end]
+        if (lone := stray(part, commanded)).any():
+            row = first + int(np.argmax(lone))
+            yield Finding(
+                f"{column} is {x[row]:.4g} in row {row}, after {x[row - 1]:.4g}, and back within {LONGEST} samples, "
+                "as no motion is: a lost reading? `cmbrl import` fills such in",
+                sure=False,
+            )
+            return
