@@ -120,7 +120,7 @@ class Extension(Trials):
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
         trial = self._trial("all limited", incumbent, chosen | helps, begun, none, plain.errors, iterations)
-        return trial if self._helps(trial, plain.errors) else None
+        return trial if self._helps(trial, plain.errors, drives.LIMIT) else None
 
     def _ahead(
         self, name: str, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
