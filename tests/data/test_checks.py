@@ -100,5 +100,6 @@ def test_a_body_that_rocks_within_the_step_is_no_mistake(make_log, slides):
     rng = np.random.default_rng(3)
     log = make_log(lengths=(100, 100))
     q, v = 2e-3 * rng.standard_normal((2, 200, 2)), 0.3 * rng.standard_normal((2, 200, 2))
-    with pytest.warns(UserWarning, match="velocity column 0"):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         replace(log, q=q[0], q_next=q[1], v=v[0], v_next=v[1]).check(slides)

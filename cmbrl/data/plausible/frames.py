@@ -64,9 +64,9 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
     """Coordinates whose changes the velocities before and after do not explain at all.
 
     Lenient by design, since impacts change velocities within a step. A body that rocks within the step does so
-    legitimately, and so does one that shakes at more than half the rate of the log: only a coordinate that travels,
-    and goes the other way as often as its velocities tell, is sure to be wrong. What hardly moves, changes by noise or
-    by what another axis of its ball does.
+    legitimately, as a puck on a table, and so does one that shakes at more than half the rate of the log: only a
+    coordinate that travels tells, and it is sure to be wrong where it goes the other way as often as its velocities
+    say. What hardly moves, changes by noise or by what another axis of its ball does.
     """
     if len(log["q"]) < ROWS:
         return
@@ -79,9 +79,10 @@ def unexplained(log: Fields, scene: Scene) -> Iterator[Finding]:
     meant = np.maximum(_noise(log, change), _beside(size, scene))
     bad = np.min(rest, axis=0) > UNEXPLAINED * size + np.maximum(SENSOR_NOISE, meant)
     if bad.any():
-        away = scene.difference(np.broadcast_to(log["q"][:1], log["q"].shape), log["q"]).std(axis=0)
+        bad &= scene.difference(np.broadcast_to(log["q"][:1], log["q"].shape), log["q"]).std(axis=0) > TRAVELS * size
+    if bad.any():
         goes_on = _rank_correlation(change, (before + after) / 2) > GOES_ON
-        sure = bad & ~goes_on & (away > TRAVELS * size)
+        sure = bad & ~goes_on
         k = int(np.flatnonzero(sure if sure.any() else bad)[0])
         name = scene.coordinate_names[k]
         yield Finding(
