@@ -16,7 +16,8 @@ from cmbrl.scene import Scene
 ARM = """<mujoco><worldbody><body><joint name="a" axis="0 1 0" armature=".1"/>
 <geom type="capsule" size=".05" fromto="0 0 0 .4 0 0" mass="2"/>
 <body name="link" pos=".4 0 0"><joint name="b" axis="0 1 0"/>
-<geom type="capsule" size=".04" fromto="0 0 0 .3 0 .1" mass="1"/></body></body></worldbody></mujoco>"""
+<geom type="capsule" size=".04" fromto="0 0 0 .3 0 .1" mass="1"/></body></body></worldbody>
+<actuator><motor name="m" joint="b"/></actuator></mujoco>"""
 
 
 @pytest.fixture
@@ -34,7 +35,7 @@ def test_sums_are_told_where_bodies_are_flat(arm: cmbrl.ComplementarityModel) ->
     covariance = np.where(np.outer(own, own), prior, 0.0)
     flat = own.copy()
     nothing = combinations(arm, space, z, covariance, flat, pose)
-    assert nothing == []  # the log tells nothing at all
+    assert nothing == ([], None)  # the log tells nothing at all
     names = ["gravity's torque at b", "inertia felt by b"]
     model = mujoco.MjModel.from_xml_string(ARM)
     data = mujoco.MjData(model)
@@ -57,12 +58,40 @@ def test_sums_are_told_where_bodies_are_flat(arm: cmbrl.ComplementarityModel) ->
             along = left @ row
             left = left - (1 - 1e-4) * np.outer(along, along) / (row @ along)
     covariance[np.ix_(own, own)] = left
-    found = {row["name"]: row for row in combinations(arm, space, z, covariance, flat, pose)}
+    found = {row["name"]: row for row in combinations(arm, space, z, covariance, flat, pose)[0]}
     assert set(names) <= set(found)
     for name, value in zip(names, felt, strict=True):
         assert found[name]["value"] == pytest.approx(value, rel=1e-6)
         assert found[name]["nominal"] == found[name]["value"]
         assert 0.9 < found[name]["low"] / value < 1.0 < found[name]["high"] / value < 1.1
+
+
+def test_the_unit_of_force_is_that_beside_which_bodies_are_known_best(arm: cmbrl.ComplementarityModel) -> None:
+    """All masses, inertias, a motor and a rotor are known up to one factor, the rotor by 10 % worse than that."""
+    space = Space.of(arm.scene.parameters, arm.parameters)
+    pose, z = np.array([0.3, -0.2]), np.zeros(len(space))
+    mass, motor, rotor = (space.names.index(name) for name in ("mass.link", "gear.m", "armature.a"))
+    bodies = np.isin(space.groups, ["mass", "inertia"])
+    shared = bodies | np.isin(np.arange(len(z)), [motor, rotor])
+    one = np.where(shared, 1.0 / space.sd, 0.0)
+    covariance = 0.05**2 * np.outer(one, one)
+    covariance[rotor, rotor] += (0.1 / space.sd[rotor]) ** 2
+    covariance[mass, mass] += (0.02 / space.sd[mass]) ** 2
+    z[shared] = np.log(2.0) / space.sd[shared]  # twice the file's
+    rows, reference = combinations(arm, space, z, covariance, bodies, pose, [rotor, mass, motor])
+    assert reference == "gear.m"
+    (link,) = [row for row in rows if row["name"] == "gravity's torque at b"]
+    assert link["value"] == pytest.approx(link["nominal"])
+    assert np.log(link["high"] / link["low"]) == pytest.approx(2 * 1.96 * 0.02, rel=0.05)
+    alone, none = combinations(arm, space, z, covariance, bodies, pose)
+    assert none is None
+    (link,) = [row for row in alone if row["name"] == "gravity's torque at b"]
+    assert link["value"] == pytest.approx(2.0 * link["nominal"])
+    assert np.log(link["high"] / link["low"]) == pytest.approx(2 * 1.96 * np.hypot(0.05, 0.02), rel=0.05)
+    worse, reference = combinations(arm, space, z, covariance, bodies, pose, [rotor])
+    assert reference == "armature.a"
+    (link,) = [row for row in worse if row["name"] == "gravity's torque at b"]
+    assert np.log(link["high"] / link["low"]) == pytest.approx(2 * 1.96 * 0.1, rel=0.05)
 
 
 def _felt(arm: cmbrl.ComplementarityModel, space: Space, pose: np.ndarray, k: int, step: float) -> list[float]:

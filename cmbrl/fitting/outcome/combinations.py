@@ -8,6 +8,7 @@ follow from the covariance of all parameters, flat ones included, since errors t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,8 +31,8 @@ def combinations(
     covariance: np.ndarray,
     flat: np.ndarray,
     pose: np.ndarray,
-    reference: str | None = None,
-) -> list[dict[str, Any]]:
+    together: Sequence[int] = (),
+) -> tuple[list[dict[str, Any]], str | None]:
     """Inertia and largest torque of gravity of each joint that the log tells, while parameters of bodies are flat.
 
     Args:
@@ -41,15 +42,16 @@ def combinations(
         covariance: (n, n) in z, of the flat parameters too.
         flat: mask (n,) of the parameters that the log hardly tells.
         pose: q (nq,) at which joints feel what hangs on them; the joint itself turns.
-        reference: the parameter whose file's value sets the unit of force, if motion does not tell it.
+        together: columns of a common factor, the unit of force, if motion does not tell it.
 
     Returns:
-        {"name", "value", "low", "high", "nominal", "unit"} each.
+        {"name", "value", "low", "high", "nominal", "unit"} each, and the parameter of ``together`` in whose unit they
+        are, as the file has it: the one that leaves them the narrowest intervals.
     """
     bodies = np.isin(space.groups, _BODIES)
     if not (bodies & flat).any():
-        return []
-    names, units, felt = _felt(model, space, pose, reference)
+        return [], None
+    names, units, felt = _felt(model, space, pose)
     moved = np.diag(covariance) > 0.0
     value, nominal = felt(z), felt(np.zeros_like(z))
     slope = np.zeros((len(names), len(z)))
@@ -57,27 +59,45 @@ def combinations(
         step = np.zeros_like(z)
         step[k] = _STEP
         slope[:, k] = (np.log(felt(z + step)) - np.log(felt(z - step))) / (2 * _STEP)
-    believed = np.zeros_like(covariance)
-    own = np.ix_(moved, moved)
-    believed[own] = np.linalg.inv(space.precision)[own]
-    variance, before = (np.einsum("kn,nm,km->k", slope, c, slope) for c in (covariance, believed))
-    spread, prior = np.sqrt(np.maximum(variance, 0.0)), np.sqrt(before)  # rounding may leave less than nothing
     concerns = (np.abs(slope[:, bodies & flat]) > 0.0).any(axis=1)
     torques = np.arange(len(names)) < len(names) // 2
     heavy = ~torques | (value > _LEAST * value[torques].max(initial=0.0))
+    reference = _reference(space, slope[concerns & heavy], covariance, together)
+    if reference is not None:
+        slope[:, reference] -= space.sd[reference]
+        value = value * space.nominal[reference] / space.theta(z)[reference]
+    believed = np.zeros_like(covariance)
+    own = np.ix_(moved, moved)
+    believed[own] = np.linalg.inv(space.precision)[own]
+    spread, prior = _spread(slope, covariance), _spread(slope, believed)
     factor = np.exp(_NORMAL_95 * spread)
-    return [
+    rows = [
         {
             "name": names[k], "value": float(value[k]), "low": float(value[k] / factor[k]),
             "high": float(value[k] * factor[k]), "nominal": float(nominal[k]), "unit": units[k],
         }
         for k in np.flatnonzero(concerns & heavy & (spread < _TOLD * prior))
     ]  # fmt: skip
+    return rows, None if reference is None else space.names[reference]
 
 
-def _felt(
-    model: ComplementarityModel, space: Space, pose: np.ndarray, reference: str | None
-) -> tuple[list[str], list[str], Any]:
+def _reference(space: Space, slope: np.ndarray, covariance: np.ndarray, together: Sequence[int]) -> int | None:
+    """The column of ``together`` beside which what has these slopes (m, n) is known best; None if there is none.
+
+    Not one of the bodies where there is another: beside a link's mass, the file alone tells its weight.
+    """
+    columns = [k for k in together if space.transform[k] == "log" and covariance[k, k] > 0.0]
+    columns = [k for k in columns if space.groups[k] not in _BODIES] or columns
+    beside = [_spread(slope - space.sd[k] * (np.arange(slope.shape[1]) == k), covariance).sum() for k in columns]
+    return columns[int(np.argmin(beside))] if columns else None
+
+
+def _spread(slope: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Standard deviations (m,) of logarithms that have these slopes (m, n); rounding may leave less than nothing."""
+    return np.sqrt(np.maximum(np.einsum("kn,nm,km->k", slope, covariance, slope), 0.0))
+
+
+def _felt(model: ComplementarityModel, space: Space, pose: np.ndarray) -> tuple[list[str], list[str], Any]:
     """Names and units of what joints feel, and these numbers (k,) as a function of z."""
     scene = model.scene
     joints = [joint for joint in scene.joints if joint.kind != JointKind.BALL]
@@ -87,7 +107,6 @@ def _felt(
         if joint.kind == JointKind.HINGE:
             poses[2 + 2 * k, joint.qadr] += np.pi / 2
     still, free = np.zeros((len(poses), scene.nv)), len(scene.parameters)
-    unit = space.names.index(reference) if reference else None
 
     def felt(z: np.ndarray) -> np.ndarray:
         theta = space.theta(z)
@@ -96,8 +115,7 @@ def _felt(
         sides = np.array([[dynamics["bias"][1 + 2 * k + side, d] for side in (0, 1)] for k, d in enumerate(places)])
         hinge = np.array([joint.kind == JointKind.HINGE for joint in joints], dtype=bool)
         torque = np.where(hinge, np.hypot(*sides.T), np.abs(sides[:, 0]))
-        scale = 1.0 if unit is None else space.nominal[unit] / theta[unit]
-        return scale * np.maximum(np.concatenate([torque, inertia]), 1e-300)
+        return np.maximum(np.concatenate([torque, inertia]), 1e-300)
 
     told = [scene.coordinate_names[d] for d in places]
     hinges = [joint.kind == JointKind.HINGE for joint in joints]

@@ -134,13 +134,13 @@ def _together(
         for moved, still in split
     ]
     shared = [found for found in told_by if found]
-    unit = shared[0]["reference"] if shared and whole else None
+    unit = next((moved for (moved, _), found in zip(split, told_by, strict=True) if found), []) if whole else []
     silent = active & (np.diag(known.covariance) == 0.0)  # flat for more than the unit of force
-    sums = combinations(model, space, z, known.every, silent, pose, unit)
+    sums, reference = combinations(model, space, z, known.every, silent, pose, unit)
     return {
         "gauge": [space.names[k] for moved, _ in split for k in moved],
         "ratios": shared,
-        "combinations": {"rows": sums, "reference": unit},
+        "combinations": {"rows": sums, "reference": reference},
     }
 
 
