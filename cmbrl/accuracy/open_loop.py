@@ -69,7 +69,7 @@ class OpenLoop:
         told = [
             f"{name} {1e3 * off:.3g}"
             for name, off in self.astray.items()
-            if not off < max(_GROWS * _OFF, _SHARE * float(self.mean(name).mean()))
+            if np.isfinite(error := float(self.mean(name).mean())) and not off < max(_GROWS * _OFF, _SHARE * error)
         ]
         if told:
             yield (

@@ -13,6 +13,7 @@ _FAR = 100.0  # times as far from its neighbours' middle as samples usually are;
 _USUAL = 0.97  # of the samples are no further: the rest may be next to a stray
 _BACK = 0.25  # of how far they are, that lies between the samples before and after
 _BEYOND = 10.0  # times the range of all others: a command may be a pulse
+_LEAST = 1e-4  # rad, m, a second, or N m: nothing is thrown by less, and a joint at rest has velocities of a few digits
 _SMALL = 0.02  # of that range: what an encoder's counts do where little moves
 
 
@@ -27,11 +28,11 @@ def stray(x: np.ndarray, commanded: bool = False) -> np.ndarray:
         return none
     bend = np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
     usual = float(np.quantile(bend, _USUAL))
-    if usual <= 0.0 or bend.max() <= 0.5 * _FAR * usual:
+    if usual <= 0.0 or bend.max() <= 0.5 * max(_FAR * usual, _LEAST):
         return none
     around = sliding_window_view(np.pad(x, LONGEST, mode="edge"), 2 * LONGEST + 1)
     away = np.abs(x - np.median(around, axis=1))
-    found = away > _FAR * usual
+    found = away > max(_FAR * usual, _LEAST)
     if found.any():
         low, high = x[~found].min(), x[~found].max()
         beyond = np.maximum(x - high, low - x) > _BEYOND * (high - low)

@@ -246,8 +246,13 @@ def test_samples_that_are_no_numbers_are_told(imported: Import, log: PositionLog
     q = log.position.copy()
     q[20:30:5, 1] = np.nan
     found = imported(q=q)
-    assert "no numbers were filled in, or left out where many are: 2 of" in " ".join(found.notes)
+    assert "no numbers, or beyond 1e12, were filled in, or left out where many are: 2 of" in " ".join(found.notes)
     np.testing.assert_allclose(found.log.position, log.position, atol=0.02)
+    cut = log.position.copy()
+    cut[-1, 1] = 9.2e149  # of a last line that was not written to its end
+    found = imported(q=cut)
+    assert "or beyond 1e12, were filled in, or left out where many are: 1 of" in " ".join(found.notes)
+    np.testing.assert_allclose(found.log.position[:-1], log.position[: len(found.log) - 1], atol=1e-6)
 
 
 def test_gaps_end_episodes(imported: Import) -> None:

@@ -105,6 +105,21 @@ def test_a_joint_that_rests_on_a_coarse_encoder_beside_a_noisy_velocity_is_no_fa
     assert ["while its velocity is not 0" in text for text in told] == [True]
 
 
+@pytest.mark.parametrize(("digit", "told"), [(1e-5, 0), (1e-9, 1)])
+def test_digits_of_a_robot_that_begins_at_rest_are_no_stuck_sensor(tmp_path: Path, digit: float, told: int) -> None:
+    """Its encoder's noise grows with speed: less than the last digit that is written at rest, three in motion."""
+    scene = scene_of(tmp_path, "arm", '<body><joint name="j"/><geom size=".1"/></body>', '<motor name="j" joint="j"/>')
+    rng, time = np.random.default_rng(0), 0.001 * np.arange(4000)
+    place = 0.5 - 0.5 * np.cos(np.maximum(time - 0.06, 0.0)) + 1.2345678
+    speed = np.gradient(place, time)
+    place += (2e-7 + 3e-5 * np.abs(speed)) * rng.normal(size=4000) * (time > 0.06)
+    q = (digit * np.round(place / digit))[:, None]
+    u = np.sin(3 * np.maximum(time[:-1, None] - 0.05, 0.0))
+    v = (speed + 1e-5 * rng.normal(size=4000))[:, None]
+    log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": u, "dt": 0.001, "episode": np.zeros(3999)}
+    assert len(list(still.stuck(motion.of_transitions(log, scene)))) == told
+
+
 def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: Path) -> None:
     body = '<body><joint name="jaw" type="slide" range="0 .03"/><geom size=".1"/></body>'
     scene = scene_of(tmp_path, "jaw", body)

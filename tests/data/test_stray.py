@@ -56,6 +56,13 @@ def test_counts_of_an_encoder_that_hardly_moves_are_none() -> None:
     assert not stray(x).any()
 
 
+def test_velocities_of_a_joint_at_rest_have_none() -> None:
+    """Rounding of 1e-8, and now and then a count of an encoder, 5e-6 rad/s."""
+    x = 1e-8 * np.random.default_rng(0).integers(-1, 2, 600).astype(float)
+    x[50:550:23] += 5.3e-6
+    assert not stray(x).any()
+
+
 def test_a_pulse_of_a_command_is_none_and_what_is_far_beyond_all_is() -> None:
     x = 0.1 * np.random.default_rng(0).standard_normal(600).cumsum() / 10
     pulse, lost = x.copy(), x.copy()

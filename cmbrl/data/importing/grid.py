@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from cmbrl.data.checks import LARGEST
 from cmbrl.errors import UserError
 
 Key = tuple[str, str]  #: owner and quantity
@@ -35,16 +36,16 @@ class Counts:
     gaps: int = 0
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)
-    missing: dict[str, int] = field(default_factory=dict)  #: samples that are no numbers, by column
+    missing: dict[str, int] = field(default_factory=dict)  #: samples that are no numbers of a robot, by column
     stray: dict[str, list[float]] = field(default_factory=dict)  #: readings that stand alone, by column
 
 
 def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str, counts: Counts) -> Series:
-    """Samples in the order of time, without those that are no numbers or repeat a time.
+    """Samples in the order of time, without those that are no numbers (or none of any robot) or repeat a time.
 
     Raises UserError where time falls back by much, for too few samples, and for quaternions that are none.
     """
-    known = np.isfinite(time) & np.isfinite(values).all(axis=1)
+    known = np.isfinite(time) & (np.abs(values) <= LARGEST).all(axis=1)
     counts.missing[name] = counts.missing.get(name, 0) + int((~known).sum())
     time, values = time[known], values[known]
     if len(time) < SHORTEST:

@@ -74,7 +74,8 @@ def told(counts: Counts, gap: int) -> list[str]:
             "were lost (positions linearly, quaternions by slerp, commands held)"
         )
     if missing := [f"{n} of {column}" for column, n in counts.missing.items() if n]:
-        notes.append(f"samples that are no numbers were filled in, or left out where many are: {', '.join(missing)}")
+        what = "samples that are no numbers, or beyond 1e12, were filled in, or left out where many are"
+        notes.append(f"{what}: {', '.join(missing)}")
     if alone := [
         f"{len(x)} of {column} ({x[0]:.4g}{' and others' * (len(x) > 1)})" for column, x in counts.stray.items()
     ]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 
 from cmbrl.data.importing.bodies import joints_of
@@ -12,6 +13,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.info.columns import counted
 
 _CONTROL = "control"
+_NUMBERED = re.compile(r"(?P<array>.*[^\d_])_?\d+")
 
 
 def by_column(given: Mapping[str, str], columns: Collection[str], scene: Scene) -> dict[str, str]:
@@ -32,9 +34,11 @@ def by_column(given: Mapping[str, str], columns: Collection[str], scene: Scene) 
 
 def hint(columns: Iterable[str], targets: Collection[str]) -> str:
     """How to tell what the columns of an array without names are; empty where there is none."""
-    arrays = dict.fromkeys(
-        found["array"] for x in columns if x not in targets and (found := UNNAMED.fullmatch(x)) is not None
-    )
+    unused = [x for x in columns if x not in targets]
+    arrays = [found["array"] for x in unused if (found := UNNAMED.fullmatch(x)) is not None]
+    if not arrays:
+        counts = Counter(found["array"] for x in unused if (found := _NUMBERED.fullmatch(x)) is not None)
+        arrays = [name for name, count in counts.items() if count > 1]
     if not arrays:
         return ""
     said = [name for name in arrays if WORDS["position"] & set(re.split(r"[^a-z]+", name.lower()))]

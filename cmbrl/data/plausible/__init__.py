@@ -17,6 +17,7 @@ from cmbrl.data.plausible import (
     alone,
     base,
     commands,
+    early,
     flight,
     frames,
     joined,
@@ -88,6 +89,7 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
         units.velocities(found),
         commands.servos(found, answers),
         commands.forces(found, answers),
+        early.early(found),
         joined.offsets(found),
         commands.saturation(found),
     )

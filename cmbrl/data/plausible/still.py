@@ -20,6 +20,8 @@ MEANT = 0.05  #: [rad, m] a target has to move by so much, more than dry frictio
 _OF_RANGE = 0.2  # between the stops, the same
 _ON_GRID, _ONWARDS, _ROUNDING = 0.02, 3.0, 1e-9  # of an encoder's count; counts; [rad, m]
 _STRETCHES, _ALTERNATES = 8, -0.5  # of LONG samples, to tell noise by; correlation of third differences
+_OF_A_DIGIT, _CALMEST = 0.5, 3  # rounding has .3 of the last digit; stretches
+_THIRD = 20.0  # times the variance of white noise is that of its third differences
 _REPEATS = 0.05  # share of samples that are the one before, of an encoder with counts that was read in between
 _AS_FAST = 0.3  # of the usual speed elsewhere
 _WALKS = 4.0  # times the root of the samples: what white noise of a velocity adds up to
@@ -106,7 +108,8 @@ def _loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
 
     Third differences of noise alternate, with a correlation of -3/4; those of smooth motion go on. The calmest
     stretches tell it, where motion hides it least. Encoders with counts are quiet at rest; where samples were read in
-    between, they lie on no grid, and repeat all the same.
+    between, they lie on no grid, and repeat all the same. So does what was written with six digits, where the calmest
+    stretches have no noise but their rounding.
     """
     again = np.abs(np.diff(np.delete(x, run))) < _ROUNDING
     if _coarse(x) is not None or (len(again) and again.mean() > _REPEATS):
@@ -117,8 +120,20 @@ def _loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
             if start >= run.stop or start + LONG <= run.start:
                 third = np.diff(x[start : start + LONG], n=3)
                 calm.append((float(third @ third), float(third[1:] @ third[:-1])))
-    square, product = np.sum(sorted(calm)[: max(len(calm) // 4, 1)], axis=0) if calm else (0.0, 0.0)
-    return bool(len(calm) >= _STRETCHES and square > 0.0 and product < _ALTERNATES * square)
+    calm.sort()
+    square, product = np.sum(calm[: max(len(calm) // 4, 1)], axis=0) if calm else (0.0, 0.0)
+    if len(calm) < _STRETCHES or square == 0.0 or product > _ALTERNATES * square:
+        return False
+    least = np.mean([square for square, _ in calm[:_CALMEST]]) / (_THIRD * (LONG - 3))
+    return bool(least > (_OF_A_DIGIT * _digit(x, run)) ** 2)
+
+
+def _digit(x: np.ndarray, run: slice) -> float:
+    """The last digit of ``x`` (R,) as it was written, where it is about what it repeats in ``run``; 0 if none shows."""
+    others = np.delete(x, run)
+    steps = np.diff(others)[np.argsort(np.abs(others[1:] - x[run.start]))[:LONG]]
+    least = np.abs(steps)[np.abs(steps) > _ROUNDING].min(initial=np.inf)
+    return float(least) if np.isfinite(least) and _whole(steps / least) else 0.0
 
 
 def turned(q: np.ndarray, blocks: Iterable[slice], scene: Scene) -> Iterator[Finding]:
