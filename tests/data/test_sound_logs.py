@@ -105,15 +105,28 @@ def test_a_joint_that_rests_on_a_coarse_encoder_beside_a_noisy_velocity_is_no_fa
     assert ["while its velocity is not 0" in text for text in told] == [True]
 
 
-@pytest.mark.parametrize(("digit", "told"), [(1e-5, 0), (1e-9, 1)])
-def test_digits_of_a_robot_that_begins_at_rest_are_no_stuck_sensor(tmp_path: Path, digit: float, told: int) -> None:
+@pytest.mark.parametrize(("force", "sure"), [(0.05, False), (20.0, True)])
+def test_a_joint_that_is_held_all_along_by_little_of_its_torque_may_stand_still(
+    tmp_path: Path, force: float, sure: bool
+) -> None:
+    """Each joint of an arm moves alone, and the others are held; a motor that does its most moves a joint."""
+    motors = '<motor name="j" joint="j" ctrlrange="-50 50"/>'
+    scene = scene_of(tmp_path, "arm", '<body><joint name="j"/><geom size=".1"/></body>', motors)
+    rng, still_there = np.random.default_rng(0), np.full((2000, 1), 0.3)
+    log = {"q": still_there, "q_next": still_there, "v": 0 * still_there, "v_next": 0 * still_there, "dt": 0.001}
+    log |= {"u": force * rng.normal(size=(2000, 1)), "episode": np.zeros(2000)}
+    assert [one.sure for one in still.stuck(motion.of_transitions(log, scene))] == [sure]
+
+
+@pytest.mark.parametrize(("digits", "told"), [(6, 0), (12, 1)])
+def test_digits_of_a_robot_that_begins_at_rest_are_no_stuck_sensor(tmp_path: Path, digits: int, told: int) -> None:
     """Its encoder's noise grows with speed: less than the last digit that is written at rest, three in motion."""
     scene = scene_of(tmp_path, "arm", '<body><joint name="j"/><geom size=".1"/></body>', '<motor name="j" joint="j"/>')
     rng, time = np.random.default_rng(0), 0.001 * np.arange(4000)
-    place = 0.5 - 0.5 * np.cos(np.maximum(time - 0.06, 0.0)) + 1.2345678
+    place = 0.7654321 - np.cos(np.maximum(time - 0.06, 0.0))
     speed = np.gradient(place, time)
-    place += (2e-7 + 3e-5 * np.abs(speed)) * rng.normal(size=4000) * (time > 0.06)
-    q = (digit * np.round(place / digit))[:, None]
+    place += (5e-8 + 2e-6 * np.abs(speed)) * rng.normal(size=4000) * (time > 0.06)
+    q = np.array([[float(f"{x:.{digits}g}")] for x in place])
     u = np.sin(3 * np.maximum(time[:-1, None] - 0.05, 0.0))
     v = (speed + 1e-5 * rng.normal(size=4000))[:, None]
     log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": u, "dt": 0.001, "episode": np.zeros(3999)}

@@ -21,6 +21,7 @@ _OF_RANGE = 0.2  # between the stops, the same
 _ON_GRID, _ONWARDS, _ROUNDING = 0.02, 3.0, 1e-9  # of an encoder's count; counts; [rad, m]
 _STRETCHES, _ALTERNATES = 8, -0.5  # of LONG samples, to tell noise by; correlation of third differences
 _OF_A_DIGIT, _CALMEST = 0.5, 3  # rounding has .3 of the last digit; stretches
+_PARTS = 10  # the least change may be several digits
 _THIRD = 20.0  # times the variance of white noise is that of its third differences
 _REPEATS = 0.05  # share of samples that are the one before, of an encoder with counts that was read in between
 _AS_FAST = 0.3  # of the usual speed elsewhere
@@ -37,7 +38,7 @@ def stuck(motion: Motion) -> Iterator[Finding]:
         if motion.v_now is not None and _goes(motion.v_now[:, k] * motion.dt, run):
             yield Finding(f"{motion.position_of(k)} is constant {where} while its velocity is not 0: a stuck sensor?")
         elif k in driven and _commanded(motion, driven[k], run):
-            command, sure = motion.command_of(driven[k]), not _sticks(motion.now[:, k], run)
+            command, sure = motion.command_of(driven[k]), _would_move(motion, driven[k], run)
             cause = "a stuck sensor?" if sure else "a joint that sticks, or a stuck sensor?"
             yield Finding(f"{motion.position_of(k)} is constant {where} while {command} moves: {cause}", sure=sure)
         elif (k not in driven or np.ptp(motion.u[run, driven[k]]) > 0) and _loud(motion.now[:, k], motion.blocks, run):
@@ -103,6 +104,21 @@ def _sticks(x: np.ndarray, run: slice) -> bool:
     return bool(abs(counts[run.stop - 1]) <= max(_ONWARDS, usual))
 
 
+def _would_move(motion: Motion, m: int, run: slice) -> bool:
+    """Whether command m, which moves in the rows of ``run``, would move its joint there.
+
+    A target does, and a force that is much of what the motor has, or that moves the joint elsewhere. Less holds a joint
+    that the others shake.
+    """
+    driver = motion.drivers[m]
+    place = motion.now[:, driver.coordinate]
+    if _sticks(place, run):
+        return False
+    strong = np.ptp(motion.u[run, m]) > _OF_RANGE * (driver.high - driver.low)
+    elsewhere = np.delete(place, run)
+    return bool(driver.position or strong or (len(elsewhere) and np.ptp(elsewhere) > MEANT))
+
+
 def _loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
     """Whether the sensor of ``x`` (R,) shows noise outside of ``run``, of which no joint's rest is free.
 
@@ -133,7 +149,8 @@ def _digit(x: np.ndarray, run: slice) -> float:
     others = np.delete(x, run)
     steps = np.diff(others)[np.argsort(np.abs(others[1:] - x[run.start]))[:LONG]]
     least = np.abs(steps)[np.abs(steps) > _ROUNDING].min(initial=np.inf)
-    return float(least) if np.isfinite(least) and _whole(steps / least) else 0.0
+    parts = (part for part in range(1, _PARTS + 1) if np.isfinite(least) and _whole(steps * part / least))
+    return float(least) / part if (part := next(parts, 0)) else 0.0
 
 
 def turned(q: np.ndarray, blocks: Iterable[slice], scene: Scene) -> Iterator[Finding]:
