@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -57,6 +58,21 @@ def test_gains_that_a_log_tells_wrongly_are_no_wrong_rate(told: dict[str, float]
 def test_other_masses_and_gains_are_no_wrong_rate(file: str, log: PositionLog) -> None:
     found = _check(file, log).finding()
     assert found is None or not found.sure
+
+
+def test_servos_ten_times_stiffer_than_the_files_are_no_wrong_rate() -> None:
+    """A kilohertz of an arm that follows its targets within milliseconds; to get there from the file takes many steps."""
+    model = mujoco.MjModel.from_xml_string(ARM.format(mass=2.6, kp=5000, kv=30).replace('".002"', '".001"'))
+    data, draw, time = mujoco.MjData(model), np.random.default_rng(0), 0.001 * np.arange(4000)
+    pace, phase = draw.uniform(1.0, 5.0, (2, 4, 1)), draw.uniform(0.0, 6.0, (2, 4, 1))
+    target = 0.25 * np.sin(pace * time + phase).sum(axis=1).T
+    data.qpos[:], place = target[0], np.empty_like(target)
+    for k, goal in enumerate(target):
+        place[k], data.ctrl[:] = data.qpos, goal
+        mujoco.mj_step(model, data)
+    place += 3e-6 * draw.normal(size=place.shape)
+    fast = PositionLog(time=time, position=place, command=target, joint_names=("a", "b"))
+    assert _check(ARM.format(mass=2, kp=500, kv=50), fast).finding() is None
 
 
 def test_a_robot_that_hardly_moves_is_no_slow_clock(log: PositionLog) -> None:

@@ -10,7 +10,9 @@ that the log tells, and a wrong rate is not.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 
@@ -31,6 +33,7 @@ _FACTORS = (0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0)  # by which rates are mist
 _CLEARLY = 0.5  # of the loss at the log's own step
 _SURELY = 0.33  # of the loss at the log's own step, after a fit of the drives at either step
 _ROWS, _ITERATIONS, _PASSES = 1000, 12, 2
+_ROUNDS, _FALLS = 5, 0.9  # of so many iterations; a loss that falls so far by one goes on
 _DRIVES = ("kp", "kd", "kv", "damping", "frictionloss", "friction", DELAY, LAG)
 
 
@@ -51,7 +54,7 @@ class RateCheck:
         factor = min(losses, key=lambda f: losses[f] if np.isfinite(losses[f]) else np.inf)
         if not losses[factor] < _CLEARLY * min(own, self._loss_of_holding()):
             return None
-        here, there = self._loss_of_drives(1.0), self._loss_of_drives(factor)
+        here, there = self._losses_of_drives(factor)
         if not there < here:
             return None
         dt, sure = self.evidence.log.dt, there < _SURELY * here
@@ -103,13 +106,30 @@ class RateCheck:
         off = [(moved - guess) / scales.q for guess in (0.0, held)]
         return min(float(huber(each, self.huber).sum(axis=-1).mean()) for each in off)
 
-    def _loss_of_drives(self, factor: float) -> float:
+    def _losses_of_drives(self, factor: float) -> tuple[float, float]:
+        """Of the log's own time step and of ``factor`` times that, with drives, damping and friction fitted.
+
+        A stiff servo may be far from the file's. So the own one is fitted on while that helps and the other is better,
+        and then the other as long.
+        """
+        own, other = self._fits_of_drives(1.0), self._fits_of_drives(factor)
+        here, there, rounds = next(own), next(other), 1
+        while there < here and rounds < _ROUNDS:
+            before, here, rounds = here, next(own), rounds + 1
+            if here > _FALLS * before:
+                break
+        return here, min([there, *islice(other, rounds - 1)]) if there < here else there
+
+    def _fits_of_drives(self, factor: float) -> Iterator[float]:
+        """The loss after ever more iterations; it never rises."""
         space, loss = self.evidence.space, self._loss(factor)
         missing = begins(space, space.default).any(axis=0)  # without a rotor, stiff servos shake links
         active, journal = np.isin(space.groups, _DRIVES) | missing, Journal(None, "")  # told gains may be wrong too
-        z = beginning(loss, space, active, journal)
-        try:
-            z = reweighed(loss, space, active, z, _ITERATIONS, journal, passes=_PASSES)
-        except NotFinite:
-            return np.inf
-        return float(loss.values(space.theta(z)[None])[0])
+        z, best = beginning(loss, space, active, journal), np.inf
+        while True:
+            try:
+                z = reweighed(loss, space, active, z, _ITERATIONS, journal, passes=_PASSES)
+                best = min(best, float(loss.values(space.theta(z)[None])[0]))
+            except NotFinite:
+                pass
+            yield best
