@@ -61,7 +61,7 @@ def test_other_masses_and_gains_are_no_wrong_rate(file: str, log: PositionLog) -
 
 
 def test_servos_ten_times_stiffer_than_the_files_are_no_wrong_rate() -> None:
-    """A kilohertz of an arm that follows its targets within milliseconds; to get there from the file takes many steps."""
+    """A kilohertz of an arm that follows its targets within milliseconds; the file is far from that."""
     model = mujoco.MjModel.from_xml_string(ARM.format(mass=2.6, kp=5000, kv=30).replace('".002"', '".001"'))
     data, draw, time = mujoco.MjData(model), np.random.default_rng(0), 0.001 * np.arange(4000)
     pace, phase = draw.uniform(1.0, 5.0, (2, 4, 1)), draw.uniform(0.0, 6.0, (2, 4, 1))
