@@ -11,7 +11,7 @@ import numpy as np
 
 from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, notes_on_laws, train_ensemble
 from cmbrl.cli.argument_types import number, positive, positive_number
-from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_sliding, add_threads
+from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_sliding, add_threads, add_trust
 from cmbrl.cli.parser import resolved
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
@@ -81,6 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="with --open-loop: start anew from the log every S seconds, where the commands do not hold the robot",
     )
     parser.add_argument("--out", metavar="DIR", help="write table, JSON, plot and the trained ensemble there")
+    add_trust(parser)
     add_scene_options(parser)
     add_sliding(parser, "of nominal and of files: the task's, else coulomb; of fits: their own")
     add_threads(parser)

@@ -18,6 +18,7 @@ from cmbrl.cli.options import (
     add_seed,
     add_sliding,
     add_threads,
+    add_trust,
     check_folder,
 )
 from cmbrl.cli.parser import resolved
@@ -108,6 +109,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "too, in the time that is left, and take what predicts unseen seconds better",
     )
     parser.add_argument("--resume", action="store_true", help="continue the fit in DIR")
+    add_trust(parser)
     add_scene_options(parser)
     add_threads(parser)
     add_seed(parser)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cmbrl.cli.argument_types import assignment, number, positive, positive_number
 from cmbrl.cli.configuration import read_configuration
-from cmbrl.cli.options import add_json, add_scene_options
+from cmbrl.cli.options import add_json, add_scene_options, add_trust
 from cmbrl.errors import UserError
 from cmbrl.models.source import load_source
 from cmbrl.table import WIDTH
@@ -85,6 +85,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--velocity-window", type=positive, default=5, metavar="K", help="samples of an estimated velocity (default 5)"
     )
+    add_trust(parser)
     add_scene_options(parser)
     add_json(parser)
 

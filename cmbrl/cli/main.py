@@ -7,6 +7,7 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from importlib import import_module
 from importlib.metadata import version
 from keyword import iskeyword
@@ -93,7 +94,15 @@ def _dispatch(arguments: Sequence[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UserError(f"unknown command {name!r}: {did_you_mean(name, COMMANDS)}")
-    return _module(name).run(parser_of(name).parse(chosen.arguments)) or 0
+    given = parser_of(name).parse(chosen.arguments)
+    with _trusting() if getattr(given, "trust_log", False) else nullcontext():
+        return _module(name).run(given) or 0
+
+
+def _trusting() -> AbstractContextManager[None]:
+    from cmbrl.data.plausible import trusting  # with numpy: `cmbrl --help` must not wait for it
+
+    return trusting()
 
 
 def _module(name: str) -> ModuleType:

@@ -76,6 +76,15 @@ def add_scene_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_trust(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--trust-log",
+        action="store_true",
+        help="take the log for right: what its own numbers show to be wrong (a stuck sensor, swapped columns, a sign, "
+        "a unit, the rate) is warned of, and not refused",
+    )
+
+
 def add_contact_law(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--contact-law",

@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from cmbrl.cli.argument_types import positive
-from cmbrl.cli.options import add_json, add_seed, add_threads, check_folder
+from cmbrl.cli.options import add_json, add_seed, add_threads, add_trust, check_folder
 from cmbrl.cli.parser import resolved
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
@@ -46,6 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--hidden", type=positive, nargs="+", default=[64, 64], metavar="N", help="hidden layers (default 64 64)"
     )
     parser.add_argument("--updates", type=positive, default=1000, metavar="N", help="at most (default 1000)")
+    add_trust(parser)
     add_threads(parser)
     add_seed(parser)
     add_json(parser)

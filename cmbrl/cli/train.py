@@ -20,6 +20,7 @@ from cmbrl.cli.options import (
     add_sliding,
     add_smoothing,
     add_threads,
+    add_trust,
     check_folder,
 )
 from cmbrl.cli.parser import WIDTH, Parser, resolved
@@ -57,6 +58,7 @@ def add_arguments(parser: Parser) -> None:
     parser.add_argument("--out", required=True, metavar="DIR", help="the run folder to write")
     parser.add_argument("--iterations", type=positive, metavar="N", help="updates of the policy (default: A's)")
     parser.add_argument("--data", metavar="FILE", help="a log to start from, for an algorithm that learns its model")
+    add_trust(parser)
     parser.add_argument("--offline", action="store_true", help="take no real steps: learn from --data alone")
     parser.add_argument(
         "--set",

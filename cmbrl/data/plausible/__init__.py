@@ -7,7 +7,6 @@ needs them, up to a factor. A check that is sure raises, others warn.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from itertools import chain
 from typing import TYPE_CHECKING
@@ -29,24 +28,25 @@ from cmbrl.data.plausible import (
     units,
     weight,
 )
-from cmbrl.data.plausible.finding import Finding
-from cmbrl.errors import UserError
+from cmbrl.data.plausible.finding import Finding, trusting
 
 if TYPE_CHECKING:
     from cmbrl.data.position_log import PositionLog
     from cmbrl.scene import Scene
 
-__all__ = ["Finding", "check_positions", "check_transitions", "of_positions", "of_transitions"]
+__all__ = ["Finding", "check_positions", "check_transitions", "of_positions", "of_transitions", "trusting"]
 
 
 def check_transitions(log: Fields, scene: Scene) -> None:
-    """Raises UserError for the first sure fault of transitions, warns of likely ones."""
-    _tell(of_transitions(log, scene))
+    """Raises UserError for the first sure fault of transitions, warns of likely ones, or of all: :func:`trusting`."""
+    for finding in of_transitions(log, scene):
+        finding.tell()
 
 
 def check_positions(log: PositionLog, scene: Scene) -> None:
-    """Raises UserError for the first sure fault of a position log, warns of likely ones."""
-    _tell(of_positions(log, scene))
+    """The same for a position log."""
+    for finding in of_positions(log, scene):
+        finding.tell()
 
 
 def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
@@ -93,10 +93,3 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
         joined.offsets(found),
         commands.saturation(found),
     )
-
-
-def _tell(findings: Iterator[Finding]) -> None:
-    for finding in findings:
-        if finding.sure:
-            raise UserError(finding.text)
-        warnings.warn(finding.text, stacklevel=1)  # of one place: told once, however often the log is checked

@@ -9,7 +9,6 @@ that the log tells, and a wrong rate is not.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -17,7 +16,6 @@ from itertools import islice
 import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
-from cmbrl.errors import UserError
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.sliding import rivals
 from cmbrl.fitting.search.beginning import beginning, begins
@@ -69,11 +67,8 @@ class RateCheck:
 
     def tell(self) -> None:
         """Raises UserError for a rate that is surely wrong, warns of a likely one."""
-        found = self.finding()
-        if found is not None and found.sure:
-            raise UserError(found.text)
-        if found is not None:
-            warnings.warn(found.text, stacklevel=1)
+        if (found := self.finding()) is not None:
+            found.tell()
 
     def _loss(self, factor: float) -> PredictionLoss:
         """Of predictions with rows ``factor`` times as far apart."""
