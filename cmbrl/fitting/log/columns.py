@@ -11,13 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from cmbrl.data.drive import law_of
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.transitions import Transitions
-from cmbrl.errors import UserError
 from cmbrl.fitting.log.doubts import MOST, Doubt, Misread, of_columns, of_turns
 from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
 from cmbrl.fitting.search.beginning import beginning
@@ -33,9 +33,20 @@ _BADLY = 0.2  # of the loss of holding: what the file explains better is not in 
 _CLEARLY = 0.8  # of the file's loss by the columns as they are
 _SURELY = 0.33  # of that loss after a fit of all parameters both ways, and of holding
 _AHEAD = 10  # steps of states
-_ROWS, _ITERATIONS, _PASSES = 3000, 12, 2
-_FITTED = 100  # windows of those fits, at most
+_ROWS = 3000
 _SCREENED = 24  # windows that drop a doubt under which they are predicted no better: many joints make a hundred doubts
+
+
+class _Effort(NamedTuple):
+    """Of fits of all parameters: windows at most, iterations and passes, and the share that bears a doubt out."""
+
+    windows: int
+    iterations: int
+    passes: int
+    share: float
+
+
+_SHORT, _LONG = _Effort(_SCREENED, 6, 1, 2 * _SURELY), _Effort(100, 12, 2, _SURELY)
 
 
 @dataclass(frozen=True)
@@ -47,9 +58,9 @@ class ColumnsCheck:
     seed: int
 
     def tell(self) -> None:
-        """Raises UserError for a column that is surely wrong."""
+        """Raises UserError for a column that is surely wrong, or warns of it: ``plausible.trusting``."""
         if (found := self.finding()) is not None:
-            raise UserError(found.text)
+            found.tell()
 
     def finding(self) -> Finding | None:
         """The column that is wrong; None where all parameters explain the log as it is about as well."""
@@ -76,12 +87,19 @@ class ColumnsCheck:
         return Finding(f"{best[1].text} (no parameters of the file explain the log as it is)")
 
     def _surely(self, horizon: int, log: Transitions, touched: np.ndarray) -> bool:
-        """Whether parameters explain this ``log`` in the coordinates ``touched``, and none the evidence's."""
-        rows = min(_ROWS, _FITTED * horizon)
-        there = self._fitted(self._loss(horizon, log, rows))[touched].sum()
-        if not there < _SURELY * self._loss_of_holding(horizon, rows)[touched].sum():
+        """Whether parameters explain this ``log`` in the coordinates ``touched``, and none the evidence's.
+
+        Of a large robot, fits of all parameters take minutes: what short ones of a few windows do not bear out is
+        dropped.
+        """
+        return all(self._borne_out(horizon, log, touched, effort) for effort in (_SHORT, _LONG))
+
+    def _borne_out(self, horizon: int, log: Transitions, touched: np.ndarray, effort: _Effort) -> bool:
+        rows = min(_ROWS, effort.windows * horizon)
+        there = self._fitted(self._loss(horizon, log, rows), effort)[touched].sum()
+        if not there < effort.share * self._loss_of_holding(horizon, rows)[touched].sum():
             return False
-        return bool(there < _SURELY * self._fitted(self._loss(horizon, rows=rows))[touched].sum())
+        return bool(there < effort.share * self._fitted(self._loss(horizon, rows=rows), effort)[touched].sum())
 
     def _horizon(self) -> int | None:
         """Steps that predictions are compared over; None of a log that is too short."""
@@ -155,12 +173,12 @@ class ColumnsCheck:
         each = [huber((moved - guess) / scales, self.huber).mean(axis=(0, 1)) for guess in (0.0, held)]
         return np.where(np.isfinite(scales), np.minimum(*each), np.inf)
 
-    def _fitted(self, loss: PredictionLoss) -> np.ndarray:
+    def _fitted(self, loss: PredictionLoss, effort: _Effort) -> np.ndarray:
         """Losses (nv,) after a short fit of all parameters."""
         space, journal = self.evidence.space, Journal(None, "")
         z = beginning(loss, space, space.default, journal)
         try:
-            z = reweighed(loss, space, space.default, z, _ITERATIONS, journal, passes=_PASSES)
+            z = reweighed(loss, space, space.default, z, effort.iterations, journal, passes=effort.passes)
         except NotFinite:
             return np.full(self.evidence.model.scene.nv, np.inf)
         return self._by_coordinate(loss, space.theta(z))
