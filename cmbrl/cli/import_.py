@@ -127,7 +127,7 @@ def _add_base(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     from cmbrl.data.importing import Frames, Options, import_logs
-    from cmbrl.data.position_log import check_target
+    from cmbrl.data.position_file import check_target
 
     check_target(arguments.out)  # now rather than after minutes of reading
     options = Options(

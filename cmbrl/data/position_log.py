@@ -1,28 +1,22 @@
-"""The position log: joint positions and commands against time, without velocities. What an encoder and a driver tell.
-
-The file is an npz with the keys ``time`` (T,) [s], ``joint_position`` (T, n), ``commanded_position``, ``torque`` or
-``control`` (T, m), ``joint_names`` (n,), and, where known, ``actuator_names`` (m,), ``kp``, ``kd``, ``episode`` (T,).
-Of a floating robot, ``base_position`` (T, 3) and ``base_quaternion`` (T, 4) besides, which are all of a tossed body;
-``place_told`` is False where the former were estimated.
-"""
+"""The position log: joint positions and commands against time, no velocities. What an encoder and a driver tell."""
 
 from __future__ import annotations
 
 import io
 import os
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from cmbrl.data import checks, plausible, turns
+from cmbrl.data import checks, plausible, position_file, turns
 from cmbrl.data.loops import closing, to_hold
 from cmbrl.data.npz import read_arrays
+from cmbrl.data.position_file import COMMANDS
 from cmbrl.data.splitting import row_numbers
 from cmbrl.data.ties import followers
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.files import check_writable, write_bytes
+from cmbrl.files import write_bytes
 from cmbrl.numbers import names, one_of, switch
 from cmbrl.reading import regular_file
 from cmbrl.scene.fittable.play import plays
@@ -31,9 +25,6 @@ from cmbrl.scene.writing.held import holding
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
-
-BASE = ("base_position", "base_quaternion")  #: keys of the pose of a floating base
-COMMANDS = {"position": "commanded_position", "torque": "torque", "control": "control"}  #: kind -> key in the file
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -216,43 +207,22 @@ class PositionLog:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes ``NAME.npz``, completely or not at all; raises UserError for another suffix."""
-        check_target(path)
-        arrays: dict[str, np.ndarray] = {
-            "time": self.time,
-            "joint_position": self.position,
-            COMMANDS[self.command_kind]: self.command,
-            "joint_names": np.asarray(self.joint_names, dtype=np.str_),
-        }
-        if self.actuator_names:
-            arrays["actuator_names"] = np.asarray(self.actuator_names, dtype=np.str_)
-        if self.base is not None:
-            arrays["base_position"], arrays["base_quaternion"] = self.base[:, :3], self.base[:, 3:]
-            if not self.place_told:
-                arrays["place_told"] = np.array(False)
-        for name, gains in (("kp", self.kp), ("kd", self.kd)):
-            if gains is not None:
-                arrays[name] = gains[0] if len(set(gains.tolist())) == 1 else gains
-        if self.n_episodes > 1:
-            arrays["episode"] = self.episode
+        position_file.check_target(path)
         content = io.BytesIO()
-        np.savez_compressed(content, **arrays)  # type: ignore[arg-type]
+        np.savez_compressed(content, **position_file.arrays_of(self))  # type: ignore[arg-type]
         write_bytes(path, content.getvalue())
 
     @staticmethod
     def load(path: str | os.PathLike[str]) -> PositionLog:
-        """Reads an npz of the keys above; raises UserError that names the file if it is missing, of another kind or
-        damaged. Where both are there, ``commanded_position`` is the command, since ``torque`` follows from it.
+        """Reads an npz of the keys in ``position_file``; raises UserError that names the file if it is missing, of
+        another kind or damaged. Where both are there, ``commanded_position`` is the command, since ``torque`` follows
+        from it.
         """
         found = read_arrays(regular_file(path, "import a log with `cmbrl import`, or check the path"))
         try:
-            return _from_arrays(found)
+            return PositionLog(**position_file.fields_of(found))
         except UserError as error:
             raise UserError(f"{path}: {error}") from None
-
-
-def is_layout(keys: Any) -> bool:
-    """Whether the ``keys`` of an npz are those of a position log."""
-    return {"time", "joint_position"} <= set(keys) or {"time", *BASE} <= set(keys)
 
 
 def free_joint(scene: Scene) -> str | None:
@@ -260,41 +230,3 @@ def free_joint(scene: Scene) -> str | None:
     balls = [joint.source for joint in scene.joints if joint.kind == JointKind.BALL]
     free = [source for source in balls if sum(joint.source == source for joint in scene.joints) > 1]
     return scene.joint_names[free[0]] if len(free) == 1 else None
-
-
-def check_target(path: str | os.PathLike[str]) -> None:
-    """Raises UserError unless a position log can be written to ``path``; writes nothing."""
-    if Path(path).suffix != ".npz":
-        raise UserError(f"{path}: a position log is an npz; give NAME.npz")
-    check_writable(path)
-
-
-def _from_arrays(found: dict[str, np.ndarray]) -> PositionLog:
-    if set(BASE) <= set(found):
-        found = dict(found)
-        found["base"] = np.hstack([checks.numbers(key, found[key]) for key in BASE])
-        for key in () if "joint_position" in found else ("joint_position", "commanded_position"):
-            found[key] = np.zeros((len(found["base"]), 0))
-        found.setdefault("joint_names", np.empty(0, dtype=np.str_))
-    kind = next((kind for kind, key in COMMANDS.items() if key in found), None)
-    missing = [key for key in ("time", "joint_position", "joint_names") if key not in found]
-    if kind is None or missing:
-        raise UserError(
-            f"no {', '.join(missing) or 'commanded_position, no torque and no control'} in the file (it has "
-            f"{', '.join(sorted(found)) or 'nothing'}); a position log needs time, joint_position, joint_names, and "
-            "commanded_position, torque or control"
-        )
-    options: dict[str, Any] = {
-        key: found[key] for key in ("kp", "kd", "episode", "actuator_names", "base") if key in found
-    }
-    if "place_told" in found:
-        options["place_told"] = found["place_told"].tolist()
-    log = PositionLog(
-        time=found["time"],
-        position=found["joint_position"],
-        command=found[COMMANDS[kind]],
-        joint_names=found["joint_names"],  # type: ignore[arg-type]
-        command_kind=kind,  # type: ignore[arg-type]
-        **options,
-    )
-    return log

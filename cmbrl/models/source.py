@@ -83,7 +83,8 @@ def load_any_log(path: str, scene: Scene) -> Transitions | PositionLog:
     """The log in ``path``, of states or positions, checked against ``scene``; raises UserError that names the file."""
     from cmbrl.data import Transitions
     from cmbrl.data.npz import keys
-    from cmbrl.data.position_log import PositionLog, is_layout
+    from cmbrl.data.position_file import is_layout
+    from cmbrl.data.position_log import PositionLog
     from cmbrl.data.unlogged import with_columns
 
     data = PositionLog.load(path) if is_layout(keys(path)) else with_columns(Transitions.load(path), scene)
