@@ -203,7 +203,7 @@ class Surveyor:
 
     def _loss(self, horizon: int, noise: np.ndarray | None, left: np.ndarray | None) -> PredictionLoss:
         """Of some windows, but those that judge."""
-        starts = draw_starts(self.evidence.log, horizon, self.rows, self.seed)
+        starts = draw_starts(self.evidence.log, horizon, self.rows, self.seed, self.count)  # one at least is left
         if self.count:
             starts = starts[~np.isin(starts, self._held_out)]
         return self.evidence.loss(starts, horizon, *self.evidence.scales(horizon, self.huber, noise, left))
