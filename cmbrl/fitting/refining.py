@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.choice.finer_steps import finer_steps
+from cmbrl.fitting.choice.finer_steps import finer_steps, without_exploding
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.fitting.standing import Standing
 
@@ -30,11 +30,15 @@ class Refining(Standing):
             self.pace.speed = self._speed()
 
     def shorten(self) -> None:
-        """Takes finer time steps from the beginning where the file's rule its errors."""
-        if not self.may_refine:
-            return
+        """Takes finer time steps from the beginning where the file's rule its errors, or where it explodes in them."""
         evidence, steps = self.evidence, min(self.horizons)
+        if not evidence.model.in_usual_steps():
+            return
         starts = draw_starts(evidence.log, steps, self.budget.survey_rows, self.seed)
         loss = evidence.loss(starts, steps, *evidence.scales(steps, self.huber))
-        z = np.zeros(len(evidence.space))
-        self.step_finer(self.journal.unit("steps of the file", lambda: {"finer": finer_steps(evidence, loss, z)}))
+        z, open_ = np.zeros(len(evidence.space)), self.may_refine
+
+        def compute() -> dict[str, Any]:
+            return {"finer": without_exploding(evidence, loss) or (finer_steps(evidence, loss, z) if open_ else None)}
+
+        self.step_finer(self.journal.unit("steps of the file", compute))

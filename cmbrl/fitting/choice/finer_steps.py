@@ -23,6 +23,7 @@ _SHARES = (2, 4)  # of the time step
 _MOST = 0.5  # share of the squares of what a fit leaves that finer steps have to explain
 _MUCH = 0.1  # the same of the file's errors, which are those of its parameters above all
 _AS_STEPPED = 0.3, 3.0  # c of their trace
+_FEW = 0.1  # of the predicted transitions may fail: thrown by a blow, or begun in one
 _ENOUGH = 0.8  # of what the finest one explains: then half the step will do
 
 
@@ -34,9 +35,9 @@ def finer_steps(
     ``active`` (n,): the parameters that were fitted, which may take their part; None before a fit. With the share of
     the squares that finer steps "explain"; None where they explain too little.
     """
-    model, theta = evidence.model, evidence.space.theta(z)
+    theta = evidence.space.theta(z)
     loss = loss.settled(theta)
-    changes = {share: (replace(loss, model=model.in_finer_steps(share)), theta) for share in _SHARES}
+    changes = {share: (_in_finer(loss, share), theta) for share in _SHARES}
     moved = np.zeros(len(z), dtype=bool) if active is None else active
     test = Unexplained.of(loss, evidence.space, z, moved, changes)
     left, explained = test.left([])[0], {}
@@ -50,11 +51,41 @@ def finer_steps(
     return {"share": share, "explains": explained[share], "fitted": active is not None}
 
 
+def without_exploding(evidence: Evidence, loss: PredictionLoss) -> dict[str, Any] | None:
+    """The same where the file explodes in its own step and not in a finer one: a servo that is too stiff for the step.
+
+    MuJoCo under Euler takes a servo's damping as it was at the start of a step. No parameter leads out of infinity.
+    """
+    theta = evidence.space.nominal
+    if not _fails(loss, theta):
+        return None
+    stable = (share for share in (*_SHARES, 8) if not _fails(_in_finer(loss, share), theta))
+    share = next(stable, None)
+    return None if share is None else {"share": share, "explains": 1.0, "fitted": False, "explodes": True}
+
+
+def _in_finer(loss: PredictionLoss, share: int) -> PredictionLoss:
+    return replace(loss, model=loss.model.in_finer_steps(share))
+
+
+def _fails(loss: PredictionLoss, theta: np.ndarray) -> bool:
+    """Whether predictions at ``theta`` (n,) diverge on more than a few windows."""
+    with np.errstate(all="ignore"):
+        return bool(loss.errors_from_here(theta).failures > _FEW * loss.steps)
+
+
 def finer_told(report: Mapping[str, Any]) -> str | None:
     """One line on a step that the fit has made finer; else None."""
     found = report.get("finer")
     if not found:
         return None
+    if found.get("explodes"):
+        usual = found["share"] * found["time_step"]
+        return (
+            f"The fit took time steps of {found['time_step']:.4g} s: in those of {usual:.4g} s the file explodes, in "
+            "MuJoCo too, since a servo is too stiff for them. Give fitted.xml that step there, or "
+            'integrator="implicitfast".'
+        )
     usual, share = found["share"] * found["time_step"], 100.0 * found["explains"]
     whose = "of what it left" if found["fitted"] else "of the file's errors"
     return (

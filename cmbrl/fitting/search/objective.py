@@ -26,7 +26,9 @@ class NotFinite(UserError):
     """Numbers that overflow, from a log or from parameters that no robot has."""
 
 
-NOT_FINITE = "the fit is not finite: check the log for values that no robot reaches"
+NOT_FINITE = (
+    "the fit is not finite: check the log for values that no robot reaches, and whether the file is stable in its step"
+)
 SOLVER_VARIANCE = 1e-8  #: of a normalised residual that the solver's accuracy leaves
 _VARIANCE_RANGE = (SOLVER_VARIANCE, 1.0)  # to no model at all
 
