@@ -31,14 +31,14 @@ class Refining(Standing):
 
     def shorten(self) -> None:
         """Takes finer time steps from the beginning where the file's rule its errors, or where it explodes in them."""
-        evidence, steps = self.evidence, min(self.horizons)
-        if not evidence.model.in_usual_steps():
+        if not self.may_refine:
             return
+        evidence, steps = self.evidence, min(self.horizons)
         starts = draw_starts(evidence.log, steps, self.budget.survey_rows, self.seed)
         loss = evidence.loss(starts, steps, *evidence.scales(steps, self.huber))
-        z, open_ = np.zeros(len(evidence.space)), self.may_refine
+        z = np.zeros(len(evidence.space))
 
         def compute() -> dict[str, Any]:
-            return {"finer": without_exploding(evidence, loss) or (finer_steps(evidence, loss, z) if open_ else None)}
+            return {"finer": without_exploding(evidence, loss) or finer_steps(evidence, loss, z)}
 
         self.step_finer(self.journal.unit("steps of the file", compute))

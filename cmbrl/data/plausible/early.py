@@ -8,7 +8,7 @@ import numpy as np
 
 from cmbrl.data.plausible.answers import ROWS
 from cmbrl.data.plausible.finding import Finding
-from cmbrl.data.plausible.motion import LAG, Motion
+from cmbrl.data.plausible.motion import LAG, MOST, Motion
 from cmbrl.data.plausible.still import MEANT
 
 _LEAD = 0.1  # [s] further ahead the next beat of a rhythm may be
@@ -40,8 +40,9 @@ def early(motion: Motion) -> Iterator[Finding]:
 
 def _lead(motion: Motion, m: int, block: slice) -> float | None:
     """By how much [s] a joint is ahead of its target; 0 if it is not, None where the target hardly moves."""
-    place = motion.now[block, motion.drivers[m].coordinate]
-    target = motion.u[block, m] * motion.drivers[m].scale
+    some = slice(block.start, min(block.stop, block.start + MOST))
+    place = motion.now[some, motion.drivers[m].coordinate]
+    target = motion.u[some, m] * motion.drivers[m].scale
     most = int(min(LAG / motion.dt, len(place) // 4))
     if len(place) < ROWS or np.ptp(target) < MEANT or not most:
         return None
