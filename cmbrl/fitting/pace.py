@@ -35,6 +35,7 @@ from cmbrl.fitting.state import Journal, digest
 PARTS = ("beginning", "sliding", "survey", "choice", "starts", "polish", "held out", "logs", "stepping", "report")
 _TOGETHER = ("sliding", "survey")  # go on with what the part before has computed, so with its budget
 _ROWS, _MORE, _LONG = 32, 8, 0.5  # rows to time; so many times more of a model that is done sooner than that [s]
+_VERY_LONG = 3.0  # [s] that is told by once: no wait for memory is much of it
 _PASSES = 3  # of which the quickest counts: others wait for memory, and for other processes
 _NOISE_ROWS = 400
 _PACK = 4  # candidates of a Gauss-Newton's iteration
@@ -67,10 +68,11 @@ class Speed:
         for rows in (_ROWS, _MORE * _ROWS):
             loss = evidence.loss(draw_starts(evidence.log, horizon, rows, seed), horizon, *scales)
             began = Clock.now()
-            cls._once(loss, evidence.space, active)  # waits for the system to give it memory
+            first = cls._once(loss, evidence.space, active)  # waits for the system to give it memory
             if began.busy > _LONG:
                 break
-        passes = [cls._once(loss, evidence.space, active) for _ in range(_PASSES)]
+        more = 0 if began.busy > _VERY_LONG else _PASSES
+        passes = [cls._once(loss, evidence.space, active) for _ in range(more)] or [first]
         return cls(*np.min(passes, axis=0).tolist())
 
     @staticmethod

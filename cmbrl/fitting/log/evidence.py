@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -51,6 +51,7 @@ class Evidence:
     measured: np.ndarray  #: (nv,) coordinates whose positions are compared: not those that a log had to estimate
     free: tuple[Joint, ...] = ()  #: joints that no log tells: those columns of ``log`` are a model's (``following``)
     noisy: bool = False  #: whether sensors of states show noise
+    drifting: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)  #: ``adrift``
 
     @classmethod
     def of(cls, model: ComplementarityModel, data: Logs) -> Evidence:

@@ -29,7 +29,8 @@ from cmbrl.scene.records import JointKind
 _SHARE, _LEAST_STEPS = 0.2, 4  # of the horizon, and at least so many steps, over which the drift is told
 _TO_DEVIATION = 1.4826  # of a normal distribution, from its median absolute deviation
 _LEAST = 0.3  # of the drift, that is left to the velocity
-_WINDOWS, _FASTER, _GOES_ON = 24, 1e-3, 0.5  # windows to tell by; rad/s, m/s; of x t
+_WINDOWS, _FEWEST, _RUNS = 24, 8, 600  # to tell by: windows, and predictions of all of them for each coordinate
+_FASTER, _GOES_ON = 1e-3, 0.5  # rad/s, m/s; of x t
 _SEED = 0
 _MOST = 5000  # rows to tell by
 
@@ -66,9 +67,15 @@ def adrift(evidence: Evidence, horizon: int) -> np.ndarray:
     """
     if not evidence.positions_only:
         return np.empty(0, dtype=np.int64)
-    scene, model, steps = evidence.model.scene, evidence.model, horizon
+    if horizon not in evidence.drifting:
+        evidence.drifting[horizon] = _adrift(evidence, horizon)
+    return evidence.drifting[horizon]
+
+
+def _adrift(evidence: Evidence, steps: int) -> np.ndarray:
+    scene, model = evidence.model.scene, evidence.model
     physical, log = evidence.seen(evidence.space.nominal)
-    starts = thinned(log.windows(steps), _WINDOWS)
+    starts = thinned(log.windows(steps), int(np.clip(_RUNS / (scene.nv + 1), _FEWEST, _WINDOWS)))
     kinds = np.arange(scene.nv + 1)  # one coordinate faster, or none
     q, v = (np.tile(x[starts], (len(kinds), 1)) for x in (log.q, log.v))
     row, kind = np.arange(len(q)), np.repeat(kinds, len(starts))
