@@ -14,6 +14,7 @@ import numpy as np
 from . import folders_mutators as m
 from .array_mutators import arrays, tensors
 from .judge import command
+from .kill_runs import untimed
 
 _NETS = ["--set", "environments=4", "--set", "actor_hidden=8", "--set", "critic_hidden=8", "--set", "window=0.03"]
 
@@ -86,9 +87,7 @@ def resume_train(place: Path) -> Any:
     out = place / "victim"
     command("train", "hopper", "--algorithm", "shac", "--model", "nominal", "--iterations", 3, "--threads", 1,
             "--seed", 0, *_NETS, "--out", out, "--resume")  # fmt: skip
-    rows = [line.split(",") for line in (out / "metrics.csv").read_text().splitlines()]
-    seconds = rows[0].index("seconds")
-    rows = [row[:seconds] + row[seconds + 1 :] for row in rows]
+    rows = untimed(out / "metrics.csv")
     return [hashlib.sha256((out / "policy.safetensors").read_bytes()).hexdigest(), rows]
 
 

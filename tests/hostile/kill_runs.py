@@ -38,9 +38,14 @@ def _parameters(place: Path) -> Any:
 
 
 def _metrics(place: Path) -> Any:
-    rows = [line.split(",") for line in (place / "train" / "metrics.csv").read_text().splitlines()]
-    seconds = rows[0].index("seconds")
-    return [*_bytes("train/policy.safetensors")(place), *[row[:seconds] + row[seconds + 1 :] for row in rows]]
+    return [*_bytes("train/policy.safetensors")(place), *untimed(place / "train" / "metrics.csv")]
+
+
+def untimed(metrics: Path) -> list[list[str]]:
+    """The rows of a run's metrics.csv without the times that it took."""
+    rows = [line.split(",") for line in metrics.read_text().splitlines()]
+    kept = [k for k, name in enumerate(rows[0]) if name not in ("seconds", "processor_seconds")]
+    return [[row[k] for k in kept] for row in rows]
 
 
 def _sweep(place: Path) -> Any:
