@@ -12,7 +12,6 @@ servos follow targets by gains that the log tells. For docs/fit/README.md.
 from __future__ import annotations
 
 import argparse
-import os
 from pathlib import Path
 
 import mujoco
@@ -27,8 +26,7 @@ HINGE, SLIDE = 3e-4, 3e-5  # noise of encoders [rad, m]
 
 def held(source: Path, folder: Path) -> mujoco.MjModel:
     """The robot of a file a metre up, its base held, without a floor; written to ``folder``."""
-    os.chdir(source.parent)
-    spec = mujoco.MjSpec.from_file(source.name)
+    spec = mujoco.MjSpec.from_file(str(source))
     spec.meshdir = str(source.parent / (spec.meshdir or ""))
     for joint in [j for j in spec.joints if j.type == mujoco.mjtJoint.mjJNT_FREE]:
         joint.parent.pos = [*joint.parent.pos[:2], joint.parent.pos[2] + 1.0]
@@ -143,6 +141,8 @@ def main() -> None:
     parser.add_argument("folder", type=Path, help="to write robot.xml, log.npz and unseen.npz to")
     parser.add_argument("--seed", type=int, default=7, help="of the hidden physics (default 7)")
     told = parser.parse_args()
+    if not told.file.is_file():
+        raise SystemExit(f"hung: {told.file}: no such file")
     told.folder.mkdir(parents=True, exist_ok=True)
     source, folder = told.file.resolve(), told.folder.resolve()
     model = held(source, folder)
