@@ -105,6 +105,26 @@ def test_a_joint_that_rests_on_a_coarse_encoder_beside_a_noisy_velocity_is_no_fa
     assert ["while its velocity is not 0" in text for text in told] == [True]
 
 
+def test_a_sensor_that_catches_up_in_one_sample_was_stuck(tmp_path: Path) -> None:
+    """Its target moved by less than usual meanwhile; a joint that a blow throws out of its rest goes on."""
+    motors = '<position name="j" joint="j" kp="10"/>'
+    scene = scene_of(tmp_path, "arm", '<body><joint name="j"/><geom size=".1"/></body>', motors)
+    time = 0.002 * np.arange(3000)
+    u = np.sin(time)[:, None]
+    frozen = u.copy()
+    frozen[1000:1200] = frozen[1000]
+    thrown = np.where(time < 2.0, 0.0, 0.8 - 0.8 * np.exp(-20 * (time - 1.99)))[:, None]
+
+    def told(x: np.ndarray) -> list[str]:
+        log = {"q": x[:-1], "q_next": x[1:], "v": np.gradient(u, time, axis=0)[:-1] * 0.0, "u": u[:-1], "dt": 0.002}
+        found = replace(motion.of_transitions(log | {"v_next": log["v"], "episode": np.zeros(2999)}, scene), v_now=None)
+        return [one.text for one in still.stuck(found)]
+
+    (text,) = told(frozen)
+    assert "is constant from row 1000 to 1199, and then jumps by 0.234" in text
+    assert not any("jumps" in text for text in told(thrown))
+
+
 @pytest.mark.parametrize(("force", "sure"), [(0.05, False), (20.0, True)])
 def test_a_joint_that_is_held_all_along_by_little_of_its_torque_may_stand_still(
     tmp_path: Path, force: float, sure: bool

@@ -23,6 +23,7 @@ _STRETCHES, _ALTERNATES = 8, -0.5  # of LONG samples, to tell noise by; correlat
 _OF_A_DIGIT, _CALMEST = 0.5, 3  # rounding has .3 of the last digit; stretches
 _PARTS = 10  # the least change may be several digits
 _THIRD = 20.0  # times the variance of white noise is that of its third differences
+_JUMPS, _ONWARD = 10.0, 0.2  # times the usual changes; of the jump, that the next change is: a blow goes on
 _REPEATS = 0.05  # share of samples that are the one before, of an encoder with counts that was read in between
 _AS_FAST = 0.3  # of the usual speed elsewhere
 _WALKS = 4.0  # times the root of the samples: what white noise of a velocity adds up to
@@ -46,6 +47,8 @@ def stuck(motion: Motion) -> Iterator[Finding]:
             yield Finding(
                 f"{motion.position_of(k)} is constant {where}, without the noise that it has elsewhere: a stuck sensor?"
             )
+        elif jump := _catches_up(motion.change[:, k], run):
+            yield Finding(f"{motion.position_of(k)} is constant {where}, and then jumps by {jump:.3g}: a stuck sensor?")
         elif k not in driven and (under := _carrier(motion, k, run)) is not None:
             joint = motion.coordinates[under].name
             yield Finding(
@@ -62,6 +65,14 @@ def stuck(motion: Motion) -> Iterator[Finding]:
                 f"{motion.velocity_of(k)} is constant from row {run.start} to {run.stop - 1} while its position moves: "
                 "a stuck sensor?"
             )
+
+
+def _catches_up(change: np.ndarray, run: slice) -> float:
+    """By how much a position jumps after ``run``, in one sample, to where it then goes on slowly; 0 if it does not."""
+    jump, further = np.abs(change[run.stop - 1]), np.abs(change[run.stop : run.stop + 1])
+    usual = np.quantile(np.abs(np.delete(change, run)), 0.99) if len(change) > run.stop - run.start else np.inf
+    alone = len(further) > 0 and further[0] < _ONWARD * jump
+    return float(jump) if alone and jump > max(MEANT, _JUMPS * usual) else 0.0
 
 
 def _runs(x: np.ndarray) -> list[slice]:
