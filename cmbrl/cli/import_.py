@@ -85,6 +85,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--velocity-window", type=positive, default=5, metavar="K", help="samples of an estimated velocity (default 5)"
     )
+    parser.add_argument(
+        "--command-offset",
+        nargs="+",
+        type=number,
+        default=[],
+        metavar="S",
+        help="seconds by which the clock of commands is later than that of positions: one for all logs, or one each",
+    )
     add_trust(parser)
     add_scene_options(parser)
     add_json(parser)
@@ -142,6 +150,7 @@ def run(arguments: argparse.Namespace) -> None:
         compensated=arguments.gravity_compensated,
         kind=arguments.kind,
         window=arguments.velocity_window,
+        command_offset=tuple(arguments.command_offset),
         base=tuple(arguments.base),
         base_offset=arguments.base_offset,
         quaternion=arguments.quaternion,

@@ -134,7 +134,7 @@ class ComplementarityModel(Variations):
     @property
     def observer(self) -> Observation:
         """What may lie between a log of this model's control step and its state."""
-        return Observation.of(self.scene, self.dt, self.activations)
+        return Observation.of(self.scene, self.dt, self.activations, self.time_step)
 
     @property
     def wiring(self) -> Wiring | None:

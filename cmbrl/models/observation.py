@@ -35,6 +35,8 @@ _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is 
 _ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
 _LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
 _LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
+_AHEAD = 1.5  # of a step of the log, less one of the model: commands that move between its samples, or are logged late
+_NEXT = 2  # commands that follow a step and may act in it
 _TAIL = 20.0  # time constants after which a lag has settled, to 2e-9
 
 
@@ -43,7 +45,8 @@ class Observation:
     """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, then delay and lag.
 
     ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + nzero): the change of
-    the control that a unit of bias, or of a servo's zero, causes. ``holds`` (nu,) bool: position servos.
+    the control that a unit of bias, or of a servo's zero, causes. ``holds`` (nu,) bool: position servos. ``ahead`` [s]:
+    by how much commands may act before the log has them.
     """
 
     parameters: tuple[Parameter, ...]
@@ -53,18 +56,24 @@ class Observation:
     servo: np.ndarray
     holds: np.ndarray
     activations: Activations | None = None
+    ahead: float = 0.0
 
     @classmethod
-    def of(cls, scene: Scene, dt: float, activations: Activations | None = None) -> Observation:
-        """What may lie between a log of ``scene`` with time step ``dt`` [s] and its state."""
+    def of(
+        cls, scene: Scene, dt: float, activations: Activations | None = None, step: float | None = None
+    ) -> Observation:
+        """What may lie between a log of ``scene`` with time step ``dt`` [s] and the state of a model of ``step`` [s].
+
+        Default: the same step.
+        """
         free = {joint.vadr for joint in plays(scene.joints)}  # which no encoder tells
         joints = [j for j in scene.joints if j.kind != JointKind.BALL and j.vadr not in free]
-        late = max(_LATENESS[0], _LATENESS[1] * dt)
+        late, early = max(_LATENESS[0], _LATENESS[1] * dt), _AHEAD * (dt - (step or dt))
         commands: list[Parameter] = []
         if scene.nu:
             commands = [
-                Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s", reach=_LATE_REACH)
-                for group in (DELAY, LAG)
+                Parameter(f"{p}.command", p, 0.0, -ahead, late, "linear", "s", reach=_LATE_REACH * (1.0 + ahead / late))
+                for p, ahead in ((DELAY, early), (LAG, 0.0))
             ]
         servo = np.zeros((scene.nu, len(joints)))
         for column, joint in enumerate(joints):
@@ -82,7 +91,7 @@ class Observation:
         servo = np.hstack([servo, -servo[:, served]])
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
         feedback = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] for k in range(scene.nu)])
-        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo, feedback != 0.0, activations)
+        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo, feedback != 0.0, activations, early)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -93,13 +102,18 @@ class Observation:
         return np.zeros(len(self))
 
     def vector(self, values: Mapping[str, float]) -> np.ndarray:
-        """psi (n,) of the ``values`` by name, nominal where none is given; raises UserError for another name."""
+        """psi (n,) of the ``values`` by name, nominal where none is given; raises UserError for another name.
+
+        A delay below 0 is one of samples: it is less of finer ones.
+        """
         known = {p.name: k for k, p in enumerate(self.parameters)}
         psi = self.nominal
         for name, value in values.items():
             if name not in known:
                 raise UserError(f"{name!r} is no bias, delay or lag of this robot; {did_you_mean(name, known)}")
             psi[known[name]] = real(value, name)
+        late = [k for k, p in enumerate(self.parameters) if p.group == DELAY]
+        psi[late] = np.maximum(psi[late], -self.ahead)
         return psi
 
     @property
@@ -170,11 +184,14 @@ class Observation:
         """The same without activations."""
         biases, own = self.servo.shape[1], len(self)
         weights = response(float(psi[own - 2]), float(psi[own - 1]), self.dt)
-        begins = np.flatnonzero(np.r_[True, np.diff(log.episode) != 0])
-        first = begins[np.searchsorted(begins, rows, side="right") - 1]
+        begins = np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
+        block = np.searchsorted(begins, rows, side="right") - 1
+        first, last = begins[block], begins[block + 1] - 1
         acted = np.zeros((3, len(rows), log.u.shape[1]))
-        for k, weight in enumerate(weights.T):
-            told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.maximum(rows - k, first)]
+        for k, weight in enumerate(weights.T, start=-_NEXT):
+            if not weight.any():
+                continue
+            told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.clip(rows - k, first, last)]
             acted += weight[:, None, None] * told
         slope = np.zeros((*acted.shape[1:], len(psi)))
         slope[:, :, :biases] = self.servo
@@ -183,9 +200,12 @@ class Observation:
 
 
 def response(delay: float, lag: float, dt: float) -> np.ndarray:
-    """Weights (3, taps) of the last commands in the mean of a step, and their derivatives in delay and lag."""
-    taps = int(np.ceil((delay + _TAIL * lag) / dt)) + 2
-    late = np.maximum(np.arange(taps + 1) * dt - delay, 0.0)
+    """Weights (3, 2 + taps) of commands in the mean of a step, from the next but one backwards, and their derivatives.
+
+    These are in delay and lag. What follows the step counts under a delay below 0, of at least ``-2 dt``.
+    """
+    taps = max(0, int(np.ceil((delay + _TAIL * lag) / dt))) + 2
+    late = np.maximum(np.arange(-_NEXT, taps + 1) * dt - delay, 0.0)
     after = late > 0.0
     left = np.exp(-late / lag) if lag > 0.0 else np.where(after, 0.0, 1.0)
     tail = late / lag * left if lag > 0.0 else np.zeros_like(late)

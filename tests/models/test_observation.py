@@ -34,25 +34,29 @@ def random_log(scene: Scene, rows: int = 60) -> Transitions:
 
 
 def test_a_whole_delay_shifts_commands_and_a_lag_filters_them() -> None:
-    np.testing.assert_allclose(response(0.02, 0.0, 0.01)[0], [0, 0, 1, 0], atol=1e-15)
-    np.testing.assert_allclose(response(0.015, 0.0, 0.01)[0], [0, 0.5, 0.5, 0], atol=1e-12)
+    np.testing.assert_allclose(response(0.02, 0.0, 0.01)[0], [0, 0, 0, 0, 1, 0], atol=1e-15)
+    np.testing.assert_allclose(response(0.015, 0.0, 0.01)[0], [0, 0, 0, 0.5, 0.5, 0], atol=1e-12)
     lag, dt = 0.03, 0.01
     time = np.linspace(0.0, dt, 20001)
     first = np.trapezoid(1.0 - np.exp(-time / lag), time) / dt  # mean of the response in the first step
-    weights = response(0.0, lag, dt)[0]
+    following, weights = np.split(response(0.0, lag, dt)[0], [2])
+    assert not following.any()
     assert weights[0] == pytest.approx(first, rel=1e-8)
     np.testing.assert_allclose(weights[2:20] / weights[1:19], np.exp(-dt / lag), rtol=1e-9)
     assert weights.sum() == pytest.approx(1.0, abs=1e-8)
 
 
-@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.004, 0.0), (0.013, 0.002), (0.0, 0.02), (0.027, 0.03)])
+@pytest.mark.parametrize(
+    ("delay", "lag"),
+    [(0.0, 0.0), (0.004, 0.0), (0.013, 0.002), (0.0, 0.02), (0.027, 0.03), (-0.004, 0.0), (-0.013, 0.004)],
+)
 def test_slopes_equal_differences(arm: Scene, delay: float, lag: float) -> None:
     log, between = random_log(arm), Observation.of(arm, 0.01)
     psi = np.array([0.03, -0.02, 0.01, delay, lag])
     _, slope = between.controls(log, psi)
     for k in range(5):
-        e = 1e-6 * (np.arange(5) == k)
-        one_sided = (between.controls(log, psi + e)[0] - between.controls(log, psi)[0]) / 1e-6
+        e = 1e-7 * (np.arange(5) == k)
+        one_sided = (between.controls(log, psi + e)[0] - between.controls(log, psi)[0]) / 1e-7
         np.testing.assert_allclose(slope[:, :, k], one_sided, rtol=1e-3, atol=2e-2)
 
 
@@ -91,6 +95,21 @@ def test_history_stays_within_the_episode(arm: Scene) -> None:
     np.testing.assert_allclose(u[first], log.u[first] * [1.0, 0.0], atol=1e-12)
     rest = np.setdiff1d(np.arange(len(log)), first)
     np.testing.assert_allclose(u[rest], log.u[rest - 1], atol=1e-12)
+
+
+def test_a_delay_below_0_is_of_commands_that_move_between_samples(arm: Scene) -> None:
+    """Half a step ahead of what is held is the mean of a straight line between two commands; none follows the last."""
+    np.testing.assert_allclose(response(-0.005, 0.0, 0.01)[0], [0, 0.5, 0.5, 0], atol=1e-12)
+    np.testing.assert_allclose(response(-0.015, 0.0, 0.01)[0], [0.5, 0.5, 0, 0], atol=1e-12)
+    log, between = random_log(arm), Observation.of(arm, 0.01, step=0.002)
+    u = between.states(log, between.vector({"delay.command": -0.005})).u
+    last = np.flatnonzero(np.r_[np.diff(log.episode) != 0, True])
+    np.testing.assert_allclose(u[last], log.u[last], atol=1e-12)
+    rest = np.setdiff1d(np.arange(len(log)), last)
+    np.testing.assert_allclose(u[rest], 0.5 * (log.u[rest] + log.u[rest + 1]), atol=1e-12)
+    finer = Observation.of(arm, 0.004, step=0.002)
+    assert finer.vector({"delay.command": -0.01})[-2] == pytest.approx(-0.003)  # samples are nearer to each other
+    assert Observation.of(arm, 0.002).vector({"delay.command": -0.01})[-2] == 0.0
 
 
 def test_some_rows_are_those_of_the_whole_log(arm: Scene) -> None:

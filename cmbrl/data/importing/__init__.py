@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
@@ -13,8 +13,9 @@ from cmbrl.data.importing import base, build, compensation, feet, whereabouts, w
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.commanded import Commanded, idle
-from cmbrl.data.importing.gains import Gains, gains_of
+from cmbrl.data.importing.gains import gains_of
 from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
+from cmbrl.data.importing.options import Options
 from cmbrl.data.importing.readers import read
 from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.series import series_of
@@ -25,53 +26,10 @@ from cmbrl.data.importing.untold import assumed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
-from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene import Scene
 from cmbrl.scene.info.columns import counted
 
-__all__ = ["Imported", "Options", "import_logs"]
-
-KINDS = ("transitions", "positions")
-
-
-@dataclass(frozen=True)
-class Options:
-    """How logs are understood.
-
-    Attributes:
-        columns: column -> ``JOINT.QUANTITY:UNIT``, for columns whose names do not tell.
-        joints: names of the columns of arrays that have none.
-        angles: unit of hinges in columns that are recognised by name.
-        rate: [Hz] of the grid, and of files without times; None: as the samples are.
-        gap: longest stretch of lost samples that is filled in.
-        frames: of the velocities of a floating base.
-        kp, kd: gains of the position servos, where the log has none; or by joint, where those that are not named have
-            the one under "", else the file's.
-        compensated: torques lack what holds the weight of the links, which is added by the file.
-        kind: "transitions" or "positions"; None: positions where only these are known, and the robot does not float.
-        window: samples from which a velocity is estimated; odd.
-        base: files with the pose of the floating base, one for each log, with a clock of their own.
-        base_offset: [s] by which that clock is later; None: found in the motion.
-        quaternion: "wxyz" or "xyzw", the order in arrays of quaternions.
-        markers: (6,) place [m] and rotation vector [degrees] in the base of what the poses are of; None: found by what
-            stands on the floor, where poses are of a capture.
-    """
-
-    columns: Mapping[str, str] = field(default_factory=dict)
-    joints: tuple[str, ...] = ()
-    angles: str = "rad"
-    rate: float | None = None
-    gap: int = 10
-    frames: Frames = field(default_factory=Frames)
-    kp: Gains = None
-    kd: Gains = None
-    compensated: bool = False
-    kind: str | None = None
-    window: int = 5
-    base: tuple[str | os.PathLike[str], ...] = ()
-    base_offset: float | None = None
-    quaternion: str | None = None
-    markers: tuple[float, ...] | None = None
+__all__ = ["Frames", "Imported", "Options", "import_logs"]
 
 
 @dataclass(frozen=True)
@@ -88,7 +46,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     Raises UserError that names the file for what cannot be read or understood, and for faults that its numbers show.
     """
     options = options or Options()
-    _check(options)
+    options.check()
     recordings = [recording for path in paths for recording in read(path, tuple(options.joints))]
     poses = [recording for path in options.base for recording in read(path)]
     if poses and len(poses) != len(recordings):
@@ -149,30 +107,6 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     return Imported(log, tuple(notes))
 
 
-def _check(options: Options) -> None:
-    whole(options.gap, "gap")
-    if whole(options.window, "velocity window", least=3) % 2 == 0:
-        raise UserError(f"velocity window = {options.window}: give an odd number, so that it has a middle")
-    if options.rate is not None:
-        real(options.rate, "rate", above=0)
-    one_of(options.angles, ("rad", "deg", "rev", "mrad"), "unit of angles")
-    if options.kind is not None:
-        one_of(options.kind, KINDS, "kind of log")
-    if options.quaternion is not None:
-        one_of(options.quaternion, base.ORDERS, "order of quaternions")
-    if options.markers is not None:
-        _check_markers(options.markers)
-    if options.base_offset is not None:
-        real(options.base_offset, "base offset", least=-1e12, most=1e12)
-
-
-def _check_markers(given: Sequence[float]) -> None:
-    if len(given) != 6:
-        raise UserError(f"markers = {given}: give X Y Z in m and RX RY RZ in degrees")
-    for value in given:
-        real(value, "markers", least=-360, most=360)
-
-
 def _series(
     recordings: Sequence[Recording], poses: Sequence[Recording], scene: Scene, options: Options, counts: Counts
 ) -> tuple[list[tuple[str, dict[Key, Series]]], list[str], bool]:
@@ -182,7 +116,8 @@ def _series(
     clocks: list[str] = []
     matched: list[tuple[Recording, dict[str, Target]]] = []
     mapped: dict[str, str] = {}
-    for recording, pose in zip_longest(recordings, poses):
+    offsets = options.command_offsets(len(recordings))
+    for recording, pose, late in zip_longest(recordings, poses, offsets):
         parts = [[name for table in part.tables for name in table.columns] for part in (recording, pose) if part]
         columns = [name for part in parts for name in part]
         given = whole_arrays.by_column(options.columns, columns, scene)
@@ -196,7 +131,10 @@ def _series(
         mapped |= given
         if not notes:
             notes = used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
-        episodes = list(series_of(recording, targets, options.rate, scene, counts))
+        episodes = [
+            {key: one.earlier(late) if one.kind == "held" else one for key, one in series.items()}
+            for series in series_of(recording, targets, options.rate, scene, counts)
+        ]
         if pose:
             captures = list(series_of(pose, targets, None, scene, counts))
             if len(captures) != len(episodes):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,6 +23,10 @@ class Series:
     time: np.ndarray
     values: np.ndarray
     kind: str = "line"
+
+    def earlier(self, seconds: float) -> Series:
+        """The same by a clock that is ``seconds`` earlier."""
+        return replace(self, time=self.time - seconds) if seconds else self
 
 
 @dataclass

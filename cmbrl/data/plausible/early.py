@@ -33,7 +33,7 @@ def early(motion: Motion) -> Iterator[Finding]:
         among = f"; {len(found)} of {len(motion.blocks)} episodes are so" if len(motion.blocks) > 1 else ""
         yield Finding(
             f"joints move {1e3 * lead:.0f} ms before their targets do ({motion.command}, {where}{among}), as no servo: "
-            "targets stamped late, or by another clock? Shift their times",
+            "targets stamped late, or by another clock? Tell `cmbrl import` by --command-offset",
             sure=False,
         )
 

@@ -19,9 +19,9 @@ from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.following import followed
-from cmbrl.models.observation import BIAS, Observation
+from cmbrl.models.observation import BIAS, DELAY, LAG, Observation
 from cmbrl.models.windows import Scales, Windows
-from cmbrl.models.wiring import Wiring
+from cmbrl.models.wiring import LEAST
 from cmbrl.numbers import whole
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Joint
@@ -32,6 +32,7 @@ LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
 _FLOATING_AHEAD = 0.2  # [s]
 _ASTRAY, _LEAST_ASTRAY = 0.3, 1e-6  # of its spread: how far what is followed may be off; [rad, m, rad/s, m/s]
+_AS_GOOD = 0.5  # of a time step: by so much servos read their positions earlier or later
 _HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
 
 
@@ -172,10 +173,9 @@ class Evidence:
         return physical, self.observation.states(self.log, psi)
 
     def late(self, z: np.ndarray) -> bool:
-        """Whether commands have a delay or a lag to speak of at ``z`` (n,)."""
-        psi = self.observation.split(self.space.theta(z))[1]
-        wiring = Wiring.of(self.observation, psi, self.model.scene.nq)
-        return wiring is not None and wiring.late > 0.0
+        """Whether commands have a delay or a lag to speak of at ``z`` (n,), or act clearly before they are logged."""
+        late = self.space.theta(z)[np.isin(self.space.groups, [DELAY, LAG])]
+        return bool(((late > LEAST * self.log.dt) | (late < -_AS_GOOD * self.model.dt / self.model.substeps)).any())
 
     def loss(self, starts: np.ndarray, horizon: int, *scales: Scales) -> PredictionLoss:
         """The loss over windows of ``horizon`` steps from each row of ``starts``, with the ``scales`` of each log."""

@@ -3,6 +3,9 @@
 A delay d and a first-order lag tau shift slow motion by d + tau. Only motion as fast as 1 / tau tells one from the
 other, so that each may take the other's part, within an interval of its own that says little of the sum. A model of
 time step h takes a servo's position at the beginning or the end of a step: that is as good as h / 2 more or less.
+
+Commands that move on between the samples of a log, as a faster controller's do, are ahead of what is held from one
+sample to the next by half a step of the log: their delay is below 0.
 """
 
 from __future__ import annotations
@@ -22,19 +25,24 @@ _NARROWER = 0.5  # than the narrower of the two intervals: else the sum says not
 def lateness(space: Space, z: np.ndarray, covariance: np.ndarray, step: float) -> dict[str, float] | None:
     """Delay and lag of the commands in one [s]: "value", "low" and "high" (95 %), if the log tells their sum better.
 
-    ``covariance`` (n, n) in z, zero for what is not fitted; ``step``: that of the model [s]. None where one of the two
-    was not fitted, or where each is told about as well as the sum.
+    Also where commands act clearly before they are logged, and then "ahead" is True. ``covariance`` (n, n) in z, zero
+    for what is not fitted; ``step``: that of the model [s]. Else None where one of the two was not fitted, or where
+    each is told about as well as the sum.
     """
     own = np.flatnonzero(np.isin(space.groups, [DELAY, LAG]))
-    if len(own) != 2 or not (np.diag(covariance)[own] > 0.0).all():
+    fitted = np.diag(covariance)[own] > 0.0
+    if len(own) != 2 or not fitted.any():
         return None
     slope = space.slope(z)[own]
     seconds = covariance[np.ix_(own, own)] * np.outer(slope, slope)
     half = float(np.hypot(_NORMAL_95 * np.sqrt(max(seconds.sum(), 0.0)), 0.5 * step))
-    if not half < _NARROWER * _NORMAL_95 * float(np.sqrt(np.diag(seconds)).min()):
-        return None
     value = float(space.theta(z)[own].sum())
-    return {"value": value, "low": max(value - half, 0.0), "high": value + half}
+    ahead = value + half < -step
+    narrower = fitted.all() and half < _NARROWER * _NORMAL_95 * float(np.sqrt(np.diag(seconds)).min())
+    if not (ahead or narrower):
+        return None
+    least = float(space.low[own].sum()) if ahead else 0.0
+    return {"value": value, "low": max(value - half, least), "high": max(value + half, least), "ahead": ahead}
 
 
 def lateness_told(report: Mapping[str, Any]) -> str | None:
@@ -44,6 +52,11 @@ def lateness_told(report: Mapping[str, Any]) -> str | None:
         return None
     value, low, high = (1e3 * found[name] for name in ("value", "low", "high"))
     both = f"delay + lag, interval [{low:.3g}, {high:.3g}]"
+    if found.get("ahead"):
+        return (
+            f"commands act {-value:.3g} ms before they are logged ({both}): they move on between the log's samples, or "
+            "are logged late; a policy's act at once"
+        )
     if not low > 0.0:
         return f"commands act at once, or at most {high:.3g} ms late ({both})"
     return (
