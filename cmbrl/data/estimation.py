@@ -11,6 +11,7 @@ from cmbrl.data.drive import controls
 from cmbrl.data.loops import closed, looped_joints
 from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.smoothing import smooth, smooth_rotations
+from cmbrl.data.stale import fresh_poses, fresh_positions
 from cmbrl.data.ties import followers
 from cmbrl.data.transitions import Transitions
 from cmbrl.scene.records import JointKind
@@ -22,16 +23,18 @@ if TYPE_CHECKING:
 def estimated(log: PositionLog, scene: Scene) -> Transitions:
     """``log`` with the columns in the order of ``scene`` and velocities by :func:`cmbrl.data.smoothing.smooth`.
 
+    Readings that repeat the last one while a joint moves on are filled in (``stale``).
     Raises UserError unless it is a log of all joints and actuators of ``scene``, with commands of their kind.
     """
     log.check(scene)
     log = log.going_on(scene)
+    readings = fresh_positions(log.position, log.episode)
     places, driven = log.coordinates(scene), log.actuators(scene)
     position, control = np.zeros((len(log), scene.nq)), np.empty((len(log), scene.nu))
     rate = np.zeros((len(log), scene.nv))  # what is no sensor's stays 0: a play
     addresses = {joint.vadr: joint.qadr for joint in scene.joints}
-    position[:, [addresses[place] for place in places.tolist()]] = log.position
-    rate[:, places], control[:, driven] = smooth(log.position, log.dt, log.episode).rate, controls(log, scene)
+    position[:, [addresses[place] for place in places.tolist()]] = readings
+    rate[:, places], control[:, driven] = smooth(readings, log.dt, log.episode).rate, controls(log, scene)
     for place, of, law in followers(scene, places.tolist()):
         led = position[:, addresses[of]]
         position[:, addresses[place]] = polynomial.polyval(led, law)
@@ -39,9 +42,10 @@ def estimated(log: PositionLog, scene: Scene) -> Transitions:
     if log.base is not None:
         first = min((joint for joint in scene.joints if joint.source == _floating(scene)), key=lambda j: j.qadr)
         q, v = slice(first.qadr, first.qadr + 7), slice(first.vadr, first.vadr + 6)
-        turn = smooth_rotations(log.base[:, 3:], log.dt, log.episode)
-        position[:, q] = log.base
-        rate[:, v] = np.hstack([smooth(log.base[:, :3], log.dt, log.episode).rate, turn.rate])
+        base = fresh_poses(log.base, log.episode)
+        turn = smooth_rotations(base[:, 3:], log.dt, log.episode)
+        position[:, q] = base
+        rate[:, v] = np.hstack([smooth(base[:, :3], log.dt, log.episode).rate, turn.rate])
     if looped := log.looped(scene):
         at = closed(scene, position, looped)
         for joint in looped_joints(scene, looped):

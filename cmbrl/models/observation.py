@@ -183,7 +183,7 @@ class Observation:
     def _commanded(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same without activations."""
         biases, own = self.servo.shape[1], len(self)
-        weights = response(float(psi[own - 2]), float(psi[own - 1]), self.dt)
+        weights = late_response(float(psi[own - 2]), float(psi[own - 1]), self.dt)
         begins = np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
         block = np.searchsorted(begins, rows, side="right") - 1
         first, last = begins[block], begins[block + 1] - 1
@@ -197,6 +197,18 @@ class Observation:
         slope[:, :, :biases] = self.servo
         slope[:, :, biases:own] = np.moveaxis(acted[1:], 0, -1)
         return acted[0] + self.servo @ psi[:biases], slope
+
+
+def late_response(delay: float, lag: float, dt: float) -> np.ndarray:
+    """``response``, where a delay below 0 makes the lag shorter first: the two together tell no more of a command.
+
+    A log that is early and slow at once would be explained by many pairs of them, and no robot acts so.
+    """
+    if delay >= 0.0:
+        return response(delay, lag, dt)
+    both = delay + lag
+    found, own = (response(0.0, both, dt), 2) if both > 0.0 else (response(both, 0.0, dt), 1)
+    return found[[0, own, own]]
 
 
 def response(delay: float, lag: float, dt: float) -> np.ndarray:

@@ -134,6 +134,7 @@ def _read(observer: Observation, psi: np.ndarray, nq: int) -> tuple[Tensor, Tens
     """Delay and lag (R, 1), bias (R, nq) and its part (R, nu) of controls, of ``psi`` (R, n or more)."""
     groups = [p.group for p in observer.parameters]
     late = [psi[:, [groups.index(name)]] if name in groups else np.zeros((len(psi), 1)) for name in (DELAY, LAG)]
+    late[1] += np.minimum(late[0], 0.0)  # as ``late_response`` has it; and no process acts before it is told
     late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in late]
     bias = np.zeros((len(psi), nq))
     bias[:, observer.joints_q] = psi[:, : len(observer.joints_q)]

@@ -7,7 +7,7 @@ import pytest
 
 from cmbrl import ComplementarityModel, Transitions, UserError
 from cmbrl.fitting.search.space import Space
-from cmbrl.models.observation import Observation, response
+from cmbrl.models.observation import Observation, late_response, response
 from cmbrl.scene import Scene
 
 ARM = """
@@ -48,7 +48,16 @@ def test_a_whole_delay_shifts_commands_and_a_lag_filters_them() -> None:
 
 @pytest.mark.parametrize(
     ("delay", "lag"),
-    [(0.0, 0.0), (0.004, 0.0), (0.013, 0.002), (0.0, 0.02), (0.027, 0.03), (-0.004, 0.0), (-0.013, 0.004)],
+    [
+        (0.0, 0.0),
+        (0.004, 0.0),
+        (0.013, 0.002),
+        (0.0, 0.02),
+        (0.027, 0.03),
+        (-0.004, 0.0),
+        (-0.013, 0.004),
+        (-0.004, 0.02),
+    ],
 )
 def test_slopes_equal_differences(arm: Scene, delay: float, lag: float) -> None:
     log, between = random_log(arm), Observation.of(arm, 0.01)
@@ -110,6 +119,11 @@ def test_a_delay_below_0_is_of_commands_that_move_between_samples(arm: Scene) ->
     finer = Observation.of(arm, 0.004, step=0.002)
     assert finer.vector({"delay.command": -0.01})[-2] == pytest.approx(-0.003)  # samples are nearer to each other
     assert Observation.of(arm, 0.002).vector({"delay.command": -0.01})[-2] == 0.0
+
+
+@pytest.mark.parametrize(("delay", "lag", "same"), [(-0.004, 0.02, (0.0, 0.016)), (-0.02, 0.008, (-0.012, 0.0))])
+def test_a_delay_below_0_makes_the_lag_shorter_first(delay: float, lag: float, same: tuple[float, float]) -> None:
+    np.testing.assert_allclose(late_response(delay, lag, 0.01)[0], response(*same, 0.01)[0], atol=1e-12)
 
 
 def test_some_rows_are_those_of_the_whole_log(arm: Scene) -> None:

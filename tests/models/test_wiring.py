@@ -73,6 +73,17 @@ def test_the_derivative_of_a_rollout_in_its_commands(arm: Scene, delay: float, l
     assert torch.autograd.gradcheck(arrived, commands(5, 1).requires_grad_(), atol=1e-9)
 
 
+def test_no_process_acts_before_it_is_told(arm: Scene) -> None:
+    """A delay below 0 is one of the log's samples; what it leaves of the lag is the robot's."""
+    observer = Observation.of(arm, DT, step=0.2 * DT)
+    late = {"delay.command": -0.4 * DT}
+    assert Wiring.of(observer, observer.vector(late), arm.nq) is None
+    wiring = Wiring.of(observer, observer.vector(late | {"lag.command": 3.0 * DT}), arm.nq)
+    assert wiring is not None
+    assert float(wiring.delay) == 0.0
+    assert float(wiring.lag) == pytest.approx(2.6 * DT)
+
+
 def test_a_model_without_lateness_is_stepped_as_it_is(arm: Scene) -> None:
     model = model_of(arm, 0.0, 0.0)
     assert model.wiring is None

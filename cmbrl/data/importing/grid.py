@@ -41,6 +41,7 @@ class Counts:
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)
     missing: dict[str, int] = field(default_factory=dict)  #: samples that are no numbers of a robot, by column
+    stale: dict[str, int] = field(default_factory=dict)  #: readings that repeat the last one, by column
     stray: dict[str, list[float]] = field(default_factory=dict)  #: readings that stand alone, by column
 
 

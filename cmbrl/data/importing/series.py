@@ -10,6 +10,7 @@ from cmbrl.data.importing.bodies import TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series, clean
 from cmbrl.data.importing.recording import Recording, Table
 from cmbrl.data.importing.targets import Target
+from cmbrl.data.stale import stale
 from cmbrl.data.stray import stray
 from cmbrl.data.turns import within_a_turn
 from cmbrl.errors import UserError
@@ -100,7 +101,17 @@ def _of_table(
                 (np.abs(np.diff(one.values - whole, axis=0)) > 1).sum()
             )
             one = Series(one.time, whole, one.kind)
-        yield key, _without_stray(column, one, counts)
+        yield key, _without_stale(column, _without_stray(column, one, counts), counts)
+
+
+def _without_stale(column: str, one: Series, counts: Counts) -> Series:
+    """The series of a column with the readings filled in that repeat the last one while it moves on."""
+    lost = stale(one.values[:, 0]) if one.kind == "line" else np.zeros(len(one.time), dtype=bool)
+    if not lost.any():
+        return one
+    counts.stale[column] = counts.stale.get(column, 0) + int(lost.sum())
+    values = np.interp(one.time, one.time[~lost], one.values[~lost, 0])
+    return Series(one.time, values[:, None], one.kind)
 
 
 def _without_stray(column: str, one: Series, counts: Counts) -> Series:

@@ -80,6 +80,10 @@ def told(counts: Counts, gap: int) -> list[str]:
         f"{len(x)} of {column} ({x[0]:.4g}{' and others' * (len(x) > 1)})" for column, x in counts.stray.items()
     ]:
         notes.append(f"samples that stand alone, as no motion does, were taken for lost: {', '.join(alone)}")
+    if late := [f"{n} of {column}" for column, n in counts.stale.items()]:
+        notes.append(
+            f"samples that repeat the last one, while what they tell moves on, were filled in: {', '.join(late)}"
+        )
     if repeated := sum(counts.repeated.values()):
         notes.append(f"{counted(repeated, 'sample')} that repeat a time were dropped")
     if counts.gaps:
