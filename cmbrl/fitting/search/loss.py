@@ -153,7 +153,8 @@ class PredictionLoss:
         residual, failures = self.residuals(theta)
         loss = huber(residual, self.windows.scales.huber).sum(axis=2).mean(axis=1)
         value = self.windows.counted(loss + self.windows.price)
-        return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike_rows(residual))
+        alike = alike_rows(residual[np.isfinite(residual).all(axis=(1, 2))])
+        return Errors(value, (residual**2).mean(axis=(1, 2)), failures, alike)
 
     def normal_equations(
         self, space: Space, z: np.ndarray, active: np.ndarray | None = None, rooted: bool = False

@@ -15,9 +15,11 @@ _UNCORRELATED = 0.05  # a correlation below this ends the sum
 def alike_rows(residual: np.ndarray) -> float:
     """Integrated correlation time [rows] of residuals (windows, steps, coordinates) along the windows: 1 for noise.
 
-    Windows of fewer than ALIKE steps cannot tell: ALIKE.
+    Windows of fewer than ALIKE steps cannot tell, nor can none: ALIKE.
     """
     steps = residual.shape[1]
+    if not residual.size:
+        return float(ALIKE)
     square = float((residual**2).mean())
     if steps < ALIKE or square == 0.0:
         return float(ALIKE)

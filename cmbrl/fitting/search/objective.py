@@ -51,15 +51,17 @@ class Objective:
     def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray, least: float = 0.0) -> Objective:
         """The objective with the residual variance, and the starts of windows, taken at ``z`` (n,).
 
-        ``least``: the variance that weighs the prior at least.
+        ``least``: the variance that weighs the prior at least. Raises NotFinite where all windows diverge.
         """
         loss = loss.settled(space.theta(z))
         errors = loss.errors_from_here(space.theta(z))
-        variance = float(
-            np.clip(2.0 * errors.mean / loss.windows.scales.observed, *_VARIANCE_RANGE)
-        )  # L sums r^2 / 2 over the coordinates
-        variance = max(variance, least)
-        return cls(loss, space, active, variance / loss.independent(errors.alike), variance, errors.mean)
+        told = errors.loss[np.isfinite(errors.loss)]  # a window that diverges says nothing of what the others leave
+        if not len(told):
+            raise NotFinite(NOT_FINITE)
+        remaining = float(told.mean())
+        variance = 2.0 * remaining / loss.windows.scales.observed  # L sums r^2 / 2 over the coordinates
+        variance = max(float(np.clip(variance, *_VARIANCE_RANGE)), least)
+        return cls(loss, space, active, variance / loss.independent(errors.alike), variance, remaining)
 
     def values(self, z: np.ndarray, offset: np.ndarray | None = None, most: float = np.inf) -> np.ndarray:
         """J (C,) of candidates (C, n), from an ``offset`` (C, S, k) of each one's own if given; infinite for a NaN.
