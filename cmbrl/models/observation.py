@@ -2,20 +2,22 @@
 
 The log tells positions y and commands c. The model's state and control are
 
-    q = y - b,      u_i = sum_k w_k(d, tau) c_(i-k) + B (b - z)
+    q = y - b,      u_i = a_i + l (a_i - a_(i-1)) / dt + B (b - z),      a_i = sum_k w_k(d, tau) c_(i-k)
 
 b is the bias of each encoder. A position servo compares its target with a reading of its own, y - z: with the encoder's
 where z = 0, with the true position where z = b, as where another sensor made the log. B accounts for that.
 w is the response of a delay d followed by a first-order lag tau to a command that is held from one sample to the next,
-averaged over the step, which makes it a smooth function of d and tau. Before the first row of an episode, motors were
-off and position servos held their first target. ``wiring`` does the same command by command. Where actuators have a
-state, u ends with their activations, which follow from the controls of the episode so far; they begin at 0.
+averaged over the step, which makes it a smooth function of d and tau. l is the lead of a servo that damps not its own
+velocity but what that lacks of the target's: the gain of the velocity over that of the position, or a share of it.
+Before the first row of an episode, motors were off and position servos held their first target. ``wiring`` does the
+same command by command. Where actuators have a state, u ends with their activations, which follow from the controls of
+the episode so far; they begin at 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,9 +32,10 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.scene import Scene
 
-BIAS, ZERO, DELAY, LAG = "bias", "servo_zero", "delay", "lag"  #: groups of parameters
+BIAS, ZERO, LEAD, DELAY, LAG = "bias", "servo_zero", "lead", "delay", "lag"  #: groups of parameters
 _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
 _ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
+_LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of position in stiff servos
 _LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
 _LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
 _AHEAD = 1.5  # of a step of the log, less one of the model: commands that move between its samples, or are logged late
@@ -42,7 +45,7 @@ _TAIL = 20.0  # time constants after which a lag has settled, to 2e-9
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, then delay and lag.
+    """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, leads, delay and lag.
 
     ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + nzero): the change of
     the control that a unit of bias, or of a servo's zero, causes. ``holds`` (nu,) bool: position servos. ``ahead`` [s]:
@@ -57,6 +60,7 @@ class Observation:
     holds: np.ndarray
     activations: Activations | None = None
     ahead: float = 0.0
+    leads: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (nl,) actuators that may lead
 
     @classmethod
     def of(
@@ -87,11 +91,16 @@ class Observation:
                     servo[k, column] = feedback / gain * scene.core.P[layout.actuator(place)]
         served = np.flatnonzero(servo.any(axis=0))
         offered = [_bias(BIAS, scene, joint) for joint in joints]
-        offered += [_bias(ZERO, scene, joints[column]) for column in served.tolist()] + commands
+        offered += [_bias(ZERO, scene, joints[column]) for column in served.tolist()]
         servo = np.hstack([servo, -servo[:, served]])
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
-        feedback = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] for k in range(scene.nu)])
-        return cls(tuple(offered), dt, places[:, 0], places[:, 1], servo, feedback != 0.0, activations, early)
+        holds = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] != 0.0 for k in range(scene.nu)], dtype=bool)
+        leads = np.flatnonzero(holds)
+        offered += [
+            Parameter(f"{LEAD}.{scene.actuator_names[k]}", LEAD, 0.0, 0.0, _LEAD_BOUND, "linear", "s", default=False)
+            for k in leads.tolist()
+        ]
+        return cls((*offered, *commands), dt, places[:, 0], places[:, 1], servo, holds, activations, early, leads)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -183,20 +192,26 @@ class Observation:
     def _commanded(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The same without activations."""
         biases, own = self.servo.shape[1], len(self)
+        lead = np.zeros(log.u.shape[1])
+        lead[self.leads] = psi[biases : biases + len(self.leads)]
         weights = late_response(float(psi[own - 2]), float(psi[own - 1]), self.dt)
         begins = np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
         block = np.searchsorted(begins, rows, side="right") - 1
         first, last = begins[block], begins[block + 1] - 1
-        acted = np.zeros((3, len(rows), log.u.shape[1]))
-        for k, weight in enumerate(weights.T, start=-_NEXT):
-            if not weight.any():
+        acted, rate = np.zeros((2, 3, len(rows), log.u.shape[1]))
+        changes = np.diff(np.pad(weights, ((0, 0), (0, 1))), axis=1, prepend=0.0) / self.dt
+        for k, (weight, change) in enumerate(zip(np.pad(weights, ((0, 0), (0, 1))).T, changes.T, strict=True), -_NEXT):
+            if not (weight.any() or change.any()):
                 continue
             told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.clip(rows - k, first, last)]
             acted += weight[:, None, None] * told
+            rate += change[:, None, None] * told
+        given = acted + lead * rate
         slope = np.zeros((*acted.shape[1:], len(psi)))
         slope[:, :, :biases] = self.servo
-        slope[:, :, biases:own] = np.moveaxis(acted[1:], 0, -1)
-        return acted[0] + self.servo @ psi[:biases], slope
+        slope[:, self.leads, biases + np.arange(len(self.leads))] = rate[0][:, self.leads]
+        slope[:, :, own - 2 : own] = np.moveaxis(given[1:], 0, -1)
+        return given[0] + self.servo @ psi[:biases], slope
 
 
 def late_response(delay: float, lag: float, dt: float) -> np.ndarray:

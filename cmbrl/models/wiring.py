@@ -7,8 +7,9 @@ c_(i-k-1) for a time r and then c_(i-k); between changes of the command, the lag
 
     x(t) = a + (x(0) - a) exp(-t / tau),      mean over r:  a + (x(0) - a) (1 - exp(-r / tau)) tau / r
 
-so that mean and next x are linear in x and these two commands. Memory: k + 1 commands, and x; then the activations of
-actuators that have a state, which are 0 when an episode begins.
+so that mean and next x are linear in x and these two commands. A servo that leads by l adds l times the rate of these
+means from step to step. Memory: k + 1 commands, x, and the last mean; then the activations of actuators that have a
+state, which are 0 when an episode begins.
 """
 
 from __future__ import annotations
@@ -32,12 +33,12 @@ _NONE = 1e-12  # s: a lag that is divided by
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """``delay`` and ``lag`` [s] of commands, ``bias`` (nq,) of coordinates and its part ``shift`` (nu,) of controls.
+    """``delay`` and ``lag`` [s] of commands, ``lead`` (nu,) [s]; ``bias`` (nq,), its part ``shift`` (nu,) of controls.
 
     They have a row each: one for all robots, or one a robot (``rows``). ``holds`` (nu,) bool: position servos, which
-    held the first command before an episode; motors were off. ``kept``: past commands in memory; ``lags``: whether
-    it holds a lag's state as well. ``observer`` and ``nq`` are the model's, to read the rows of other robots;
-    ``physical``: after how many parameters these begin, if there are any.
+    held the first command before an episode; motors were off. ``kept``: past commands in memory; ``lags``, ``leads``:
+    whether it holds a lag's state, and the last mean, as well. ``observer`` and ``nq`` are the model's, to read the
+    rows of other robots; ``physical``: after how many parameters these begin, if there are any.
     """
 
     observer: Observation
@@ -45,11 +46,13 @@ class Wiring:
     physical: int | None
     delay: Tensor
     lag: Tensor
+    lead: Tensor
     bias: Tensor
     shift: Tensor
     holds: Tensor
     kept: int
     lags: bool
+    leads: bool
     activations: Activations | None = None
 
     @classmethod
@@ -66,17 +69,19 @@ class Wiring:
         if candidates is not None:
             physical = candidates.shape[1] - len(observer)
             every = np.vstack([every, candidates[:, physical:]])
-        delay, lag, bias, shift = _read(observer, every, nq)
-        if candidates is None and not (delay.any() or lag.any() or bias.any() or shift.any() or activations):
+        delay, lag, lead, bias, shift = _read(observer, every, nq)
+        if candidates is None and not (any(x.any() for x in (delay, lag, lead, bias, shift)) or activations):
             return None
-        kept = int(float(delay.max()) / observer.dt) + 1 if delay.any() else 0
-        holds, lags = torch.from_numpy(observer.holds), bool(lag.any())
-        return cls(observer, nq, physical, delay[:1], lag[:1], bias[:1], shift[:1], holds, kept, lags, activations)
+        return cls(
+            observer, nq, physical, delay[:1], lag[:1], lead[:1], bias[:1], shift[:1], torch.from_numpy(observer.holds),
+            kept=int(float(delay.max()) / observer.dt) + 1 if delay.any() else 0,
+            lags=bool(lag.any()), leads=bool(lead.any()), activations=activations,
+        )  # fmt: skip
 
     def rows(self, psi: Tensor) -> Wiring:
         """Robots with one of their own each: psi (B, n), of those that the memory was made for."""
-        delay, lag, bias, shift = _read(self.observer, psi.numpy(), self.nq)
-        return replace(self, delay=delay, lag=lag, bias=bias, shift=shift)
+        delay, lag, lead, bias, shift = _read(self.observer, psi.numpy(), self.nq)
+        return replace(self, delay=delay, lag=lag, lead=lead, bias=bias, shift=shift)
 
     @property
     def dt(self) -> float:
@@ -91,7 +96,7 @@ class Wiring:
     @property
     def late_width(self) -> int:
         """Columns of the memory that hold commands."""
-        return len(self.holds) * (self.kept + self.lags)
+        return len(self.holds) * (self.kept + self.lags + self.leads)
 
     def begin(self, count: int) -> Tensor:
         """The memory (count, ...) of robots at rest; NaN stands for the first command."""
@@ -109,15 +114,23 @@ class Wiring:
         whole = (self.delay / self.dt).floor()
         first = self.delay - whole * self.dt
         later, early = (_picked(queue, (whole + k).long()) for k in (0, 1))
+        mean, rest = self._mean(told[:, nu * kept : nu * (kept + 1)], early, later, first)
+        if self.leads:
+            rest.append(mean)
+            mean = mean + self.lead / self.dt * (mean - told[:, nu * (kept + self.lags) :])
+        return mean, torch.cat([*queue[:kept], *rest], dim=1)
+
+    def _mean(self, state: Tensor, early: Tensor, later: Tensor, first: Tensor) -> tuple[Tensor, list[Tensor]]:
+        """The mean (B, nu) of commands, ``early`` for the ``first`` seconds of a step, and the lag's next ``state``."""
         if not self.lags:
             share = first / self.dt
-            return share * early + (1.0 - share) * later, torch.cat(queue[:kept], dim=1)
-        state, total = told[:, nu * kept :], torch.zeros_like(command)
+            return share * early + (1.0 - share) * later, []
+        total = torch.zeros_like(early)
         for target, time in ((early, first), (later, self.dt - first)):
             moved = -torch.expm1(-time / self.lag.clamp_min(_NONE))  # share of the way to the target
             total = total + time * target + self.lag * moved * (state - target)
             state = state + moved * (target - state)
-        return total / self.dt, torch.cat([*queue[:kept], state], dim=1)
+        return total / self.dt, [state]
 
     def move(self, step: Step, memory: Tensor, q: Tensor, v: Tensor, u: Tensor, *more: Any) -> tuple[Tensor, ...]:
         """The measured state after a step of a model from the measured q, v under the command u, and the memory."""
@@ -130,17 +143,19 @@ class Wiring:
         return q_next + self.bias, v_next, torch.cat([late, states], dim=1)
 
 
-def _read(observer: Observation, psi: np.ndarray, nq: int) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Delay and lag (R, 1), bias (R, nq) and its part (R, nu) of controls, of ``psi`` (R, n or more)."""
+def _read(observer: Observation, psi: np.ndarray, nq: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
+    """Delay and lag (R, 1), lead (R, nu), bias (R, nq) and its part (R, nu) of controls, of ``psi`` (R, n or more)."""
     groups = [p.group for p in observer.parameters]
     late = [psi[:, [groups.index(name)]] if name in groups else np.zeros((len(psi), 1)) for name in (DELAY, LAG)]
     late[1] += np.minimum(late[0], 0.0)  # as ``late_response`` has it; and no process acts before it is told
     late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in late]
     bias = np.zeros((len(psi), nq))
     bias[:, observer.joints_q] = psi[:, : len(observer.joints_q)]
-    shift = psi[:, : observer.servo.shape[1]] @ observer.servo.T
-    delay, lag, offset, shifts = (torch.from_numpy(np.ascontiguousarray(x)) for x in (*late, bias, shift))
-    return delay, lag, offset, shifts
+    biases, lead = observer.servo.shape[1], np.zeros((len(psi), len(observer.holds)))
+    shift = psi[:, :biases] @ observer.servo.T
+    lead[:, observer.leads] = psi[:, biases : biases + len(observer.leads)]
+    delay, lag, leads, offset, shifts = (torch.from_numpy(np.ascontiguousarray(x)) for x in (*late, lead, bias, shift))
+    return delay, lag, leads, offset, shifts
 
 
 def _picked(queue: list[Tensor], place: Tensor) -> Tensor:

@@ -30,8 +30,9 @@ def arm(tmp_path: Path) -> Scene:
     return Scene.from_mjcf(tmp_path / "arm.xml")
 
 
-def model_of(arm: Scene, delay: float, lag: float, bias: float = 0.0) -> ComplementarityModel:
+def model_of(arm: Scene, delay: float, lag: float, bias: float = 0.0, lead: float = 0.0) -> ComplementarityModel:
     observation = {"delay.command": delay, "lag.command": lag, "bias.a": bias, "bias.b": -bias}
+    observation |= {f"lead.{name}": lead for name in arm.actuator_names[:1]}
     return ComplementarityModel(arm, time_step=DT, observation=observation)
 
 
@@ -39,15 +40,16 @@ def commands(rows: int, count: int = 3) -> torch.Tensor:
     return torch.from_numpy(np.random.default_rng(0).normal(size=(rows, count, 2)))
 
 
+@pytest.mark.parametrize("lead", [0.0, 0.04])
 @pytest.mark.parametrize(("delay", "lag"), LATE)
-def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float) -> None:
+def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float, lead: float) -> None:
     """Also those before the first one: a servo held it, a motor was off."""
     given = commands(40)
     log = Transitions(
         q=np.zeros((120, 2)), v=np.zeros((120, 2)), u=given.transpose(0, 1).reshape(120, 2).numpy(),
         q_next=np.zeros((120, 2)), v_next=np.zeros((120, 2)), dt=DT, episode=np.repeat(np.arange(3), 40),
     )  # fmt: skip
-    model = model_of(arm, delay, lag, bias=0.03)
+    model = model_of(arm, delay, lag, bias=0.03, lead=lead)
     expected = model.seen(log).u.reshape(3, 40, 2)
     wiring = model.wiring
     assert wiring is not None
@@ -58,9 +60,10 @@ def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float) -> 
     np.testing.assert_allclose(torch.stack(found, dim=1).numpy(), expected, atol=1e-8)
 
 
+@pytest.mark.parametrize("lead", [0.0, 0.04])
 @pytest.mark.parametrize(("delay", "lag"), LATE[:-1])
-def test_the_derivative_of_a_rollout_in_its_commands(arm: Scene, delay: float, lag: float) -> None:
-    wiring = model_of(arm, delay, lag).wiring
+def test_the_derivative_of_a_rollout_in_its_commands(arm: Scene, delay: float, lag: float, lead: float) -> None:
+    wiring = model_of(arm, delay, lag, lead=lead).wiring
     assert wiring is not None
 
     def arrived(given: torch.Tensor) -> torch.Tensor:
@@ -125,8 +128,8 @@ def test_a_simulation_moves_as_the_log_that_it_would_leave(arm: Scene) -> None:
 
 
 def test_robots_have_delay_lag_and_bias_of_their_own(arm: Scene) -> None:
-    """Draws of all of these, side by side, move as one model of each does alone."""
-    late = [(0.013, 0.02, 0.05), (0.0, 0.0, 0.0), (0.031, 0.0, -0.02), (0.0, 0.025, 0.01)]
+    """And leads: draws of all of these, side by side, move as one model of each does alone."""
+    late = [(0.013, 0.02, 0.05, 0.0), (0.0, 0.0, 0.0, 0.01), (0.031, 0.0, -0.02, 0.01), (0.0, 0.025, 0.01, 0.0)]
     models, given = [model_of(arm, *each) for each in late], commands(20, 4)
     theta = models[0].parameters * np.linspace(0.9, 1.0, 4)[:, None]
     theta = np.maximum(theta, [p.low for p in arm.parameters])
@@ -146,7 +149,7 @@ def test_robots_have_delay_lag_and_bias_of_their_own(arm: Scene) -> None:
 def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
     """As where a fit knows its delay to be none."""
     model = model_of(arm, 0.0, 0.0)
-    sets = np.append(model.parameters, np.zeros(5))[None]
+    sets = np.append(model.parameters, np.zeros(len(model.observer)))[None]
     robots, state = Robots(model.with_settings(candidates=sets), 1), torch.zeros(1, 2, dtype=torch.float64)
     found = robots.step(state, state, commands(1, 1)[0], torch.from_numpy(sets))
     torch.testing.assert_close(found[1], model.step(state, state, commands(1, 1)[0])[1], rtol=0, atol=0)
@@ -154,7 +157,7 @@ def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
 
 def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm: Scene) -> None:
     model = model_of(arm, 0.013, 0.02)
-    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, d, lag]) for d, lag in LATE])
+    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, 0.02 * (d > 0.0), d, lag]) for d, lag in LATE])
     wiring = model.with_settings(candidates=sets).wiring
     assert wiring is not None
     robots = wiring.rows(torch.from_numpy(sets[:, len(model.parameters) :]))
@@ -172,7 +175,7 @@ def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm:
 def test_every_episode_has_a_delay_of_its_own(arm: Scene) -> None:
     """Also where the fit itself has none, and after an episode's end."""
     model = model_of(arm, 0.0, 0.0)
-    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, d, 0.0]) for d in (0.0, 0.02)])
+    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, 0.0, d, 0.0]) for d in (0.0, 0.02)])
     model = model.with_settings(candidates=sets)
     simulation = Simulation(process(arm, 4), model, 16, disturbance=Disturbance(parameters=parameter_sets(model, 0.0)))
     push, seen = torch.ones(16, 2, dtype=torch.float64), []
