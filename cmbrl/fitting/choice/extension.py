@@ -17,6 +17,7 @@ import numpy as np
 
 from cmbrl.fitting.choice import drives
 from cmbrl.fitting.choice.forecast import Forecast
+from cmbrl.fitting.choice.leads import BEGUN, as_controlled
 from cmbrl.fitting.choice.parsimony import ALL
 from cmbrl.fitting.choice.told_gains import GAINS
 from cmbrl.fitting.choice.trials import Incumbent, Trial, Trials
@@ -77,7 +78,7 @@ class Extension(Trials):
     def confirm(self, incumbent: Incumbent, groups: list[str]) -> None:
         """Takes ``groups`` back to nominal, all of them, unless held-out errors call for them.
 
-        In the mean of all, or in the typical part of the log.
+        In the mean of all, or in the typical part of the log. Leads that are no controller's go in any case.
         """
         columns = self.space.columns(groups)
         none = np.zeros_like(columns)
@@ -88,12 +89,15 @@ class Extension(Trials):
         start = drives.rubbing(self.loss, self.space, kept.z, np.where(columns, 0.0, kept.z))
         without = self._trial(f"refuted {groups}", incumbent, incumbent.active & ~columns, start, none, kept.errors)
         needed = not _STANDS_FOR.intersection(groups) and self._typically_worse(kept.errors, without.errors)
-        if not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain):
+        strange = LEAD in groups and not as_controlled(self.loss, self.space.theta(kept.z))
+        if strange or (not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain)):
             self._accept("remove", " + ".join(groups), without, incumbent)
 
     def _helps(self, trial: Trial, before: Errors, law: str = "") -> bool:
         """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
         if law in GAINS and trial.gain < _WRONG * before.mean:
+            return False
+        if law == LEAD and not as_controlled(self.loss, self.space.theta(trial.z), BEGUN):
             return False
         share, factor = (_OF_A_LAW, _OF_A_MEAN) if law else (LEAST_GAIN, NOISE_FACTOR)
         typical = law not in _STANDS_FOR and self._typically_worse(trial.errors, before, share)
