@@ -11,6 +11,8 @@ import pytest
 import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting import Budget
+from cmbrl.fitting.choice.leads import BEGUN, as_controlled
+from cmbrl.fitting.log.evidence import Evidence
 
 DT, H, KP, KD = 0.01, 0.002, 60.0, 6.0
 ARM = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><body pos="0 0 1">
@@ -45,3 +47,14 @@ def test_a_lead_is_found_where_there_is_one(share: float, tmp_path: Path) -> Non
     added = [row["group"] for row in found.report["selection"] or []]
     assert ("lead" in added) == bool(share)
     assert lead.value == pytest.approx(share * ratio, rel=0.25)
+
+
+@pytest.mark.parametrize(("share", "begun", "kept"), [(1.0, True, True), (0.6, True, False), (0.4, False, False)])
+def test_only_leads_of_a_controller_are_kept(share: float, begun: bool, kept: bool, tmp_path: Path) -> None:
+    (tmp_path / "arm.xml").write_text(ARM.format(mass=2.0))
+    evidence = Evidence.of(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(tmp_path / "arm.xml")), recorded(0.0, 200))
+    loss = evidence.loss(np.arange(0, 100, 20), 20, *evidence.scales(20, 0.5))
+    theta = evidence.space.nominal.copy()
+    theta[evidence.space.names.index("lead.servo")] = share * KD / KP
+    assert as_controlled(loss, theta, BEGUN) is begun
+    assert as_controlled(loss, theta) is kept

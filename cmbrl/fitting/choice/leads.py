@@ -11,8 +11,8 @@ import numpy as np
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.models.observation import LEAD
 
-BEGUN = 0.55  #: the same of a short fit, which has found less damping than there is before it had leads
 _SHARE = 0.75, 1.4  # of kd / kp, in the median over servos; joints' own damping takes a part of it
+BEGUN = 0.55  #: at least the same of a short fit, which begins with too little damping: that made up for leads
 
 
 def as_controlled(loss: PredictionLoss, theta: np.ndarray, least: float = _SHARE[0]) -> bool:
