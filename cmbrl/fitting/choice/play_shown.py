@@ -97,7 +97,10 @@ def _played(
         gap = size * (_SLIDE if slides else 1.0)
         at = played.space.nominal.copy()
         at[played.space.names.index(f"play.{joint}")] = gap
-        seen = played.following(at)
+        try:
+            seen = played.following(at)
+        except UserError:  # a reading of no robot throws the link
+            return {}
         found[joint, gap] = seen.loss(starts, steps, *seen.scales(steps, huber)), at
     return found
 

@@ -36,8 +36,10 @@ def gauss_newton(
 ) -> Search:
     """Minimises ``objective`` from ``start`` (n,), until an iteration lowers it by a share ``decrease`` or less.
 
-    Raises the journal's OutOfTime between iterations, and NotFinite for equations that overflow.
+    Raises the journal's OutOfTime between iterations, and NotFinite where all windows diverge or equations overflow.
     """
+    if objective.remaining == np.inf and objective.variance > 0.0:
+        raise NotFinite(NOT_FINITE)
     z = objective.clip(start)
     value = float(objective.values(z[None])[0])
     damping, idle, candidates = 1e-3, 0, 1

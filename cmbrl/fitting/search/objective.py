@@ -51,14 +51,12 @@ class Objective:
     def at(cls, loss: PredictionLoss, space: Space, active: np.ndarray, z: np.ndarray, least: float = 0.0) -> Objective:
         """The objective with the residual variance, and the starts of windows, taken at ``z`` (n,).
 
-        ``least``: the variance that weighs the prior at least. Raises NotFinite where all windows diverge.
+        ``least``: the variance that weighs the prior at least.
         """
         loss = loss.settled(space.theta(z))
         errors = loss.errors_from_here(space.theta(z))
         told = errors.loss[np.isfinite(errors.loss)]  # a window that diverges says nothing of what the others leave
-        if not len(told):
-            raise NotFinite(NOT_FINITE)
-        remaining = float(told.mean())
+        remaining = float(told.mean()) if len(told) else np.inf
         variance = 2.0 * remaining / loss.windows.scales.observed  # L sums r^2 / 2 over the coordinates
         variance = max(float(np.clip(variance, *_VARIANCE_RANGE)), least)
         return cls(loss, space, active, variance / loss.independent(errors.alike), variance, remaining)
