@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.scene import Scene
 
-BIAS, ZERO, LEAD, DELAY, LAG = "bias", "servo_zero", "lead", "delay", "lag"  #: groups of parameters
+BIAS, ZERO, LEAD, AHEAD, DELAY, LAG = "bias", "servo_zero", "lead", "ahead", "delay", "lag"  #: groups of parameters
 _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
 _ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
 _LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of position in stiff servos
@@ -76,9 +76,10 @@ class Observation:
         commands: list[Parameter] = []
         if scene.nu:
             commands = [
-                Parameter(f"{p}.command", p, 0.0, -ahead, late, "linear", "s", reach=_LATE_REACH * (1.0 + ahead / late))
-                for p, ahead in ((DELAY, early), (LAG, 0.0))
+                Parameter(f"{p}.command", p, 0.0, 0.0, late, "linear", "s", reach=_LATE_REACH) for p in (DELAY, LAG)
             ]
+        if scene.nu and early > 0.0:
+            commands.insert(0, Parameter(f"{AHEAD}.command", AHEAD, 0.0, 0.0, early, "linear", "s", default=False))
         servo = np.zeros((scene.nu, len(joints)))
         for column, joint in enumerate(joints):
             for k in np.flatnonzero(scene.core.act_line == joint.vadr):
@@ -113,7 +114,7 @@ class Observation:
     def vector(self, values: Mapping[str, float]) -> np.ndarray:
         """psi (n,) of the ``values`` by name, nominal where none is given; raises UserError for another name.
 
-        A delay below 0 is one of samples: it is less of finer ones.
+        How far commands are ahead is told in samples: it is less of finer ones.
         """
         known = {p.name: k for k, p in enumerate(self.parameters)}
         psi = self.nominal
@@ -121,8 +122,8 @@ class Observation:
             if name not in known:
                 raise UserError(f"{name!r} is no bias, delay or lag of this robot; {did_you_mean(name, known)}")
             psi[known[name]] = real(value, name)
-        late = [k for k, p in enumerate(self.parameters) if p.group == DELAY]
-        psi[late] = np.maximum(psi[late], -self.ahead)
+        late = [k for k, p in enumerate(self.parameters) if p.group == AHEAD]
+        psi[late] = np.minimum(psi[late], self.ahead)
         return psi
 
     @property
@@ -194,7 +195,8 @@ class Observation:
         biases, own = self.servo.shape[1], len(self)
         lead = np.zeros(log.u.shape[1])
         lead[self.leads] = psi[biases : biases + len(self.leads)]
-        weights = late_response(float(psi[own - 2]), float(psi[own - 1]), self.dt)
+        ahead = [k for k, p in enumerate(self.parameters) if p.group == AHEAD]
+        weights = late_response(float(psi[own - 2] - psi[ahead].sum()), float(psi[own - 1]), self.dt)
         begins = np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
         block = np.searchsorted(begins, rows, side="right") - 1
         first, last = begins[block], begins[block + 1] - 1
@@ -211,6 +213,7 @@ class Observation:
         slope[:, :, :biases] = self.servo
         slope[:, self.leads, biases + np.arange(len(self.leads))] = rate[0][:, self.leads]
         slope[:, :, own - 2 : own] = np.moveaxis(given[1:], 0, -1)
+        slope[:, :, ahead] = -given[1][:, :, None]
         return given[0] + self.servo @ psi[:biases], slope
 
 

@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.models.activations import Activations
-from cmbrl.models.observation import DELAY, LAG, Observation
+from cmbrl.models.observation import AHEAD, DELAY, LAG, Observation
 from cmbrl.models.protocol import Model
 
 Step = Callable[..., tuple[Tensor, Tensor]]
@@ -147,7 +147,9 @@ def _read(observer: Observation, psi: np.ndarray, nq: int) -> tuple[Tensor, Tens
     """Delay and lag (R, 1), lead (R, nu), bias (R, nq) and its part (R, nu) of controls, of ``psi`` (R, n or more)."""
     groups = [p.group for p in observer.parameters]
     late = [psi[:, [groups.index(name)]] if name in groups else np.zeros((len(psi), 1)) for name in (DELAY, LAG)]
-    late[1] += np.minimum(late[0], 0.0)  # as ``late_response`` has it; and no process acts before it is told
+    if AHEAD in groups:
+        late[0] = late[0] - psi[:, [groups.index(AHEAD)]]
+        late[1] = late[1] + np.minimum(late[0], 0.0)  # as ``late_response`` has it; no process acts before it is told
     late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in late]
     bias = np.zeros((len(psi), nq))
     bias[:, observer.joints_q] = psi[:, : len(observer.joints_q)]

@@ -45,27 +45,29 @@ def scene(tmp_path: Path) -> cmbrl.Scene:
     return cmbrl.Scene.from_mjcf(tmp_path / "arm.xml")
 
 
+def lateness(found: cmbrl.FitResult) -> float:
+    delay, lag, ahead = (found.parameters[f"{name}.command"].value for name in ("delay", "lag", "ahead"))
+    return delay + lag - ahead
+
+
 def fitted(scene: cmbrl.Scene, log: PositionLog) -> cmbrl.FitResult:
     return cmbrl.fit(cmbrl.ComplementarityModel(scene), log, budget=QUICK)
 
 
 def test_commands_that_move_between_samples_act_half_a_step_early(scene: cmbrl.Scene) -> None:
     found = fitted(scene, recorded(400, held=False))
-    late = found.parameters["delay.command"].value + found.parameters["lag.command"].value
-    assert late == pytest.approx(-DT / 2, abs=0.15 * DT)
+    assert lateness(found) == pytest.approx(-DT / 2, abs=0.15 * DT)
     assert "before they are logged" in found.report_text()
     assert found.model.wiring is None or found.model.wiring.late == 0.0  # a policy's commands act at once
 
 
 def test_held_commands_act_at_once(scene: cmbrl.Scene) -> None:
     found = fitted(scene, recorded(400, held=True))
-    late = found.parameters["delay.command"].value + found.parameters["lag.command"].value
-    assert late == pytest.approx(0.0, abs=1.5 * H)  # the file's integrator takes forces a step earlier
+    assert lateness(found) == pytest.approx(0.0, abs=1.5 * H)  # the file's integrator takes forces a step earlier
     assert "before they are logged" not in found.report_text()
 
 
 def test_a_command_that_is_logged_a_row_late(scene: cmbrl.Scene) -> None:
     log = recorded(400, held=True)
     found = fitted(scene, replace(log, command=np.vstack([log.command[:1], log.command[:-1]])))
-    late = found.parameters["delay.command"].value + found.parameters["lag.command"].value
-    assert late == pytest.approx(-DT, abs=1.5 * H)
+    assert lateness(found) == pytest.approx(-DT, abs=1.5 * H)

@@ -47,25 +47,19 @@ def test_a_whole_delay_shifts_commands_and_a_lag_filters_them() -> None:
 
 
 @pytest.mark.parametrize(
-    ("delay", "lag"),
-    [
-        (0.0, 0.0),
-        (0.004, 0.0),
-        (0.013, 0.002),
-        (0.0, 0.02),
-        (0.027, 0.03),
-        (-0.004, 0.0),
-        (-0.013, 0.004),
-        (-0.004, 0.02),
-    ],
-)
-def test_slopes_equal_differences(arm: Scene, delay: float, lag: float) -> None:
-    log, between = random_log(arm), Observation.of(arm, 0.01)
-    psi = np.array([0.03, -0.02, 0.01, 0.02, delay, lag])
+    ("ahead", "delay", "lag"),
+    [(0.0, 0.0, 0.0), (0.0, 0.004, 0.0), (0.0, 0.013, 0.002), (0.0, 0.0, 0.02), (0.0, 0.027, 0.03), (0.004, 0.0, 0.0),
+     (0.012, 0.001, 0.004), (0.004, 0.0, 0.02)],
+)  # fmt: skip
+def test_slopes_equal_differences(arm: Scene, ahead: float, delay: float, lag: float) -> None:
+    log, between = random_log(arm), Observation.of(arm, 0.01, step=0.001)
+    psi = np.array([0.03, -0.02, 0.01, 0.02, ahead, delay, lag])
     _, slope = between.controls(log, psi)
-    for k in range(6):
-        e = 1e-7 * (np.arange(6) == k)
-        one_sided = (between.controls(log, psi + e)[0] - between.controls(log, psi)[0]) / 1e-7
+    for k in range(7):
+        e = (
+            1e-7 * (np.arange(7) == k) * (-1.0 if between.parameters[k].group == "ahead" else 1.0)
+        )  # one-sided, as delay
+        one_sided = (between.controls(log, psi + e)[0] - between.controls(log, psi)[0]) / e[k]
         np.testing.assert_allclose(slope[:, :, k], one_sided, rtol=1e-3, atol=5e-2)
 
 
@@ -106,19 +100,19 @@ def test_history_stays_within_the_episode(arm: Scene) -> None:
     np.testing.assert_allclose(u[rest], log.u[rest - 1], atol=1e-12)
 
 
-def test_a_delay_below_0_is_of_commands_that_move_between_samples(arm: Scene) -> None:
+def test_commands_that_move_between_samples_are_ahead(arm: Scene) -> None:
     """Half a step ahead of what is held is the mean of a straight line between two commands; none follows the last."""
     np.testing.assert_allclose(response(-0.005, 0.0, 0.01)[0], [0, 0.5, 0.5, 0], atol=1e-12)
     np.testing.assert_allclose(response(-0.015, 0.0, 0.01)[0], [0.5, 0.5, 0, 0], atol=1e-12)
     log, between = random_log(arm), Observation.of(arm, 0.01, step=0.002)
-    u = between.states(log, between.vector({"delay.command": -0.005})).u
+    u = between.states(log, between.vector({"ahead.command": 0.005})).u
     last = np.flatnonzero(np.r_[np.diff(log.episode) != 0, True])
     np.testing.assert_allclose(u[last], log.u[last], atol=1e-12)
     rest = np.setdiff1d(np.arange(len(log)), last)
     np.testing.assert_allclose(u[rest], 0.5 * (log.u[rest] + log.u[rest + 1]), atol=1e-12)
     finer = Observation.of(arm, 0.004, step=0.002)
-    assert finer.vector({"delay.command": -0.01})[-2] == pytest.approx(-0.003)  # samples are nearer to each other
-    assert Observation.of(arm, 0.002).vector({"delay.command": -0.01})[-2] == 0.0
+    assert finer.vector({"ahead.command": 0.01})[-3] == pytest.approx(0.003)  # samples are nearer to each other
+    assert "ahead" not in {p.group for p in Observation.of(arm, 0.002).parameters}
 
 
 @pytest.mark.parametrize(("delay", "lag", "same"), [(-0.004, 0.02, (0.0, 0.016)), (-0.02, 0.008, (-0.012, 0.0))])

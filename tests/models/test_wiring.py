@@ -77,9 +77,9 @@ def test_the_derivative_of_a_rollout_in_its_commands(arm: Scene, delay: float, l
 
 
 def test_no_process_acts_before_it_is_told(arm: Scene) -> None:
-    """A delay below 0 is one of the log's samples; what it leaves of the lag is the robot's."""
+    """How far commands are ahead is told of a log's samples; what that leaves of the lag is the robot's."""
     observer = Observation.of(arm, DT, step=0.2 * DT)
-    late = {"delay.command": -0.4 * DT}
+    late = {"ahead.command": 0.4 * DT}
     assert Wiring.of(observer, observer.vector(late), arm.nq) is None
     wiring = Wiring.of(observer, observer.vector(late | {"lag.command": 3.0 * DT}), arm.nq)
     assert wiring is not None

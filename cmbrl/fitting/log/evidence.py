@@ -32,7 +32,6 @@ LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
 _FLOATING_AHEAD = 0.2  # [s]
 _ASTRAY, _LEAST_ASTRAY = 0.3, 1e-6  # of its spread: how far what is followed may be off; [rad, m, rad/s, m/s]
-_AS_GOOD = 0.5  # of a time step: by so much servos read their positions earlier or later
 _HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
 
 
@@ -173,9 +172,9 @@ class Evidence:
         return physical, self.observation.states(self.log, psi)
 
     def late(self, z: np.ndarray) -> bool:
-        """Whether commands have a delay or a lag to speak of at ``z`` (n,), or act clearly before they are logged."""
+        """Whether commands have a delay or a lag to speak of at ``z`` (n,)."""
         late = self.space.theta(z)[np.isin(self.space.groups, [DELAY, LAG])]
-        return bool(((late > LEAST * self.log.dt) | (late < -_AS_GOOD * self.model.dt / self.model.substeps)).any())
+        return bool((late > LEAST * self.log.dt).any())
 
     def loss(self, starts: np.ndarray, horizon: int, *scales: Scales) -> PredictionLoss:
         """The loss over windows of ``horizon`` steps from each row of ``starts``, with the ``scales`` of each log."""

@@ -24,7 +24,7 @@ from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.state import Journal
-from cmbrl.models.observation import DELAY, LAG
+from cmbrl.models.observation import AHEAD, DELAY, LAG
 from cmbrl.models.windows import huber
 
 _FACTORS = (0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0)  # by which rates are mistaken
@@ -32,7 +32,7 @@ _CLEARLY = 0.5  # of the loss at the log's own step
 _SURELY = 0.33  # of the loss at the log's own step, after a fit of the drives at either step
 _ROWS, _ITERATIONS, _PASSES = 1000, 12, 2
 _ROUNDS, _FALLS = 5, 0.9  # of so many iterations; a loss that falls so far by one goes on
-_DRIVES = ("kp", "kd", "kv", "damping", "frictionloss", "friction", DELAY, LAG)
+_DRIVES = ("kp", "kd", "kv", "damping", "frictionloss", "friction", AHEAD, DELAY, LAG)
 
 
 @dataclass(frozen=True)

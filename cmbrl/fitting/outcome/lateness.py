@@ -5,7 +5,7 @@ other, so that each may take the other's part, within an interval of its own tha
 time step h takes a servo's position at the beginning or the end of a step: that is as good as h / 2 more or less.
 
 Commands that move on between the samples of a log, as a faster controller's do, are ahead of what is held from one
-sample to the next by half a step of the log: their delay is below 0.
+sample to the next by half a step of the log.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.search.space import Space
-from cmbrl.models.observation import DELAY, LAG
+from cmbrl.models.observation import AHEAD, DELAY, LAG
 
 _NORMAL_95 = 1.96
 _NARROWER = 0.5  # than the narrower of the two intervals: else the sum says nothing new
@@ -30,18 +30,20 @@ def lateness(space: Space, z: np.ndarray, covariance: np.ndarray, step: float) -
     each is told about as well as the sum.
     """
     own = np.flatnonzero(np.isin(space.groups, [DELAY, LAG]))
-    fitted = np.diag(covariance)[own] > 0.0
-    if len(own) != 2 or not fitted.any():
+    early = np.flatnonzero(np.isin(space.groups, [AHEAD]))
+    deviations = np.sqrt(np.diag(covariance))
+    if len(own) != 2 or not (deviations[own].all() or deviations[early].any()):
         return None
-    slope = space.slope(z)[own]
-    seconds = covariance[np.ix_(own, own)] * np.outer(slope, slope)
+    both, signs = np.append(own, early), np.append([1.0, 1.0], -np.ones(len(early)))
+    slope = space.slope(z)[both] * signs
+    seconds = covariance[np.ix_(both, both)] * np.outer(slope, slope)
     half = float(np.hypot(_NORMAL_95 * np.sqrt(max(seconds.sum(), 0.0)), 0.5 * step))
-    value = float(space.theta(z)[own].sum())
+    value = float(signs @ space.theta(z)[both])
     ahead = value + half < -step
-    narrower = fitted.all() and half < _NARROWER * _NORMAL_95 * float(np.sqrt(np.diag(seconds)).min())
-    if not (ahead or narrower):
+    apart = _NORMAL_95 * (deviations * space.slope(z))[own].min()
+    if not ahead and not (deviations[own].all() and half < _NARROWER * apart):
         return None
-    least = float(space.low[own].sum()) if ahead else 0.0
+    least = -float(space.high[early].sum()) if ahead else 0.0
     return {"value": value, "low": max(value - half, least), "high": max(value + half, least), "ahead": ahead}
 
 
@@ -51,7 +53,7 @@ def lateness_told(report: Mapping[str, Any]) -> str | None:
     if not found:
         return None
     value, low, high = (1e3 * found[name] for name in ("value", "low", "high"))
-    both = f"delay + lag, interval [{low:.3g}, {high:.3g}]"
+    both = f"delay + lag{' - ahead' * bool(found.get('ahead'))}, interval [{low:.3g}, {high:.3g}]"
     if found.get("ahead"):
         return (
             f"commands act {-value:.3g} ms before they are logged ({both}): they move on between the log's samples, or "
