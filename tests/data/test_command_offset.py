@@ -39,7 +39,7 @@ def test_each_log_is_put_right_by_its_own_offset(log: PositionLog, tmp_path: Pat
     np.testing.assert_allclose(prompt.command, log.command)
     np.testing.assert_allclose(late.command, log.command[: len(late)])
     np.testing.assert_allclose(late.position, log.position[: len(late)])
-    with pytest.raises(UserError, match="2 command offsets for 1 logs: give one for each log, or one for all"):
+    with pytest.raises(UserError, match="2 command offsets for 1 log: give one for each log, or one for all"):
         import_logs(files[:1], scene, Options(command_offset=(0.0, 0.0)))
 
 

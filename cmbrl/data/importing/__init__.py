@@ -65,7 +65,10 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         one for _, found in series for one in to_grid(found, masters, dt, options.gap, counts)
     ]
     if not episodes:
-        raise UserError("no stretch of the log has all columns at once; check their times, or give a larger --gap")
+        raise UserError(
+            "no stretch of the log has all columns at once; check their times (and --command-offset), or give a larger "
+            "--gap"
+        )
     episodes, by_feet = whereabouts.by_feet(episodes, dt, scene, options.kind)
     captured = bool(poses or slower)
     if (captured and options.kind != "transitions") or options.markers is not None:

@@ -11,6 +11,7 @@ from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.gains import Gains
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real, whole
+from cmbrl.scene.info.columns import counted
 
 KINDS = ("transitions", "positions")
 _CLOCKS = 1e12  # s: more than any two are apart
@@ -80,7 +81,9 @@ class Options:
         """One for each of ``logs``; raises UserError where their number is another one."""
         given = self.command_offset or (0.0,)
         if len(given) not in (1, logs):
-            raise UserError(f"{len(given)} command offsets for {logs} logs: give one for each log, or one for all")
+            raise UserError(
+                f"{len(given)} command offsets for {counted(logs, 'log')}: give one for each log, or one for all"
+            )
         return given if len(given) == logs else given * logs
 
 
