@@ -114,11 +114,13 @@ class Observation:
     def vector(self, values: Mapping[str, float]) -> np.ndarray:
         """psi (n,) of the ``values`` by name, nominal where none is given; raises UserError for another name.
 
-        How far commands are ahead is told in samples: it is less of finer ones.
+        How far commands are ahead is told in samples: it is less of finer ones, and nothing of the model's own.
         """
         known = {p.name: k for k, p in enumerate(self.parameters)}
         psi = self.nominal
         for name, value in values.items():
+            if name == f"{AHEAD}.command" and not self.ahead:
+                continue
             if name not in known:
                 raise UserError(f"{name!r} is no bias, delay or lag of this robot; {did_you_mean(name, known)}")
             psi[known[name]] = real(value, name)

@@ -31,7 +31,7 @@ def lateness(space: Space, z: np.ndarray, covariance: np.ndarray, step: float) -
     """
     own = np.flatnonzero(np.isin(space.groups, [DELAY, LAG]))
     early = np.flatnonzero(np.isin(space.groups, [AHEAD]))
-    deviations = np.sqrt(np.diag(covariance))
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if len(own) != 2 or not (deviations[own].all() or deviations[early].any()):
         return None
     both, signs = np.append(own, early), np.append([1.0, 1.0], -np.ones(len(early)))
