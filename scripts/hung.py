@@ -4,6 +4,11 @@
     .venv/bin/cmbrl fit runs/a1/robot.xml --data runs/a1/log.npz --out runs/a1/fit
     .venv/bin/cmbrl error nominal runs/a1/fit --data runs/a1/unseen.npz --open-loop --restart 1
 
+With other controllers and sensors, by one option or more: commands that act at once, every eighth row alone, encoders
+that tell every fifth row of log.npz, servos that damp what their velocity lacks of the target's:
+
+    ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --late 0 --every 8 --slow 5 --lead
+
 Masses, payload, gains, damping, friction and armatures are drawn, and commands act 6 ms late. Logs of 16 and 8 s have
 what encoders tell, with noise of 0.3 mrad and 0.03 mm, and commands, at about 200 Hz; no velocities. Motors without
 servos follow targets by gains that the log tells. For docs/fit/README.md.
@@ -12,6 +17,7 @@ servos follow targets by gains that the log tells. For docs/fit/README.md.
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -99,8 +105,8 @@ def targets(model: mujoco.MjModel, time: np.ndarray, rng: np.random.Generator) -
     return found
 
 
-def record(model: mujoco.MjModel, seconds: float, seed: int) -> PositionLog:
-    """What encoders tell of a motion, after the robot has settled."""
+def record(model: mujoco.MjModel, seconds: float, seed: int, lateness: float = LATE, lead: bool = False) -> PositionLog:
+    """What encoders tell of a motion, after the robot has settled; ``lead``: servos get their target's rate as well."""
     data, h = mujoco.MjData(model), model.opt.timestep
     every = max(1, round(1 / RATE / h))
     time = every * h * np.arange(int(seconds / (every * h)))
@@ -117,11 +123,15 @@ def record(model: mujoco.MjModel, seconds: float, seed: int) -> PositionLog:
         data.ctrl[:] = np.where(limited, np.clip(control, *model.actuator_ctrlrange.T), control)
         mujoco.mj_step(model, data)
 
+    goals = given
+    if lead:
+        rate = np.diff(given, axis=0, prepend=given[:1]) / (every * h)
+        goals = given - model.actuator_biasprm[:, 2] / np.where(motor, 1.0, model.actuator_gainprm[:, 0]) * rate
     for _ in range(int(SETTLING / h)):
         act(given[0])
     single = np.flatnonzero(model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)).tolist()
-    late, places = [given[0]] * max(1, round(LATE / h)), []
-    for goal in given:
+    late, places = [given[0]] * round(lateness / h), []
+    for goal in goals:
         places.append(data.qpos[model.jnt_qposadr[single]].copy())
         for _ in range(every):
             late.append(goal)
@@ -140,15 +150,24 @@ def main() -> None:
     parser.add_argument("file", type=Path, help="the MJCF of the robot")
     parser.add_argument("folder", type=Path, help="to write robot.xml, log.npz and unseen.npz to")
     parser.add_argument("--seed", type=int, default=7, help="of the hidden physics (default 7)")
+    parser.add_argument("--late", type=float, default=LATE, help=f"of commands [s] (default {LATE})")
+    parser.add_argument("--every", type=int, default=1, help="keep every so many rows (default 1)")
+    parser.add_argument("--slow", type=int, default=1, help="rows of log.npz from one reading to the next (default 1)")
+    parser.add_argument("--lead", action="store_true", help="servos damp what the velocity lacks of the target's rate")
     told = parser.parse_args()
     if not told.file.is_file():
         raise SystemExit(f"hung: {told.file}: no such file")
+    if min(told.every, told.slow) < 1 or not 0.0 <= told.late < 1.0:
+        raise SystemExit("hung: --every and --slow are rows, 1 or more; --late is seconds, 0 to 1")
     told.folder.mkdir(parents=True, exist_ok=True)
     source, folder = told.file.resolve(), told.folder.resolve()
     model = held(source, folder)
     hide(model, np.random.default_rng(told.seed))
     for seconds, seed, name in zip(SECONDS, SEEDS, LOGS, strict=True):
-        record(model, seconds, seed).save(folder / name)
+        log = record(model, seconds, seed, told.late, told.lead)
+        if name == LOGS[0]:
+            log = replace(log, position=log.position[np.arange(len(log)) // told.slow * told.slow])
+        log.select(slice(None, None, told.every)).save(folder / name)
 
 
 if __name__ == "__main__":
