@@ -4,8 +4,8 @@
     .venv/bin/cmbrl fit runs/a1/robot.xml --data runs/a1/log.npz --out runs/a1/fit
     .venv/bin/cmbrl error nominal runs/a1/fit --data runs/a1/unseen.npz --open-loop --restart 1
 
-With other controllers and sensors, by one option or more: commands that act a step late, every eighth row alone, encoders
-that tell every fifth row of log.npz, servos that damp what their velocity lacks of the target's:
+With other controllers and sensors, by one option or more: commands a step late, every eighth row alone, encoders that
+tell every fifth row of log.npz, servos that damp what their velocity lacks of the target's:
 
     ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --late 0.002 --every 8 --slow 5 --lead
 
