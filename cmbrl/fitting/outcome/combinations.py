@@ -94,7 +94,7 @@ def _reference(space: Space, slope: np.ndarray, covariance: np.ndarray, together
 
 def _spread(slope: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     """Standard deviations (m,) of logarithms that have these slopes (m, n); rounding may leave less than nothing."""
-    return np.sqrt(np.maximum(np.einsum("kn,nm,km->k", slope, covariance, slope), 0.0))
+    return np.sqrt(np.maximum(((slope @ covariance) * slope).sum(axis=1), 0.0))
 
 
 def _felt(model: ComplementarityModel, space: Space, pose: np.ndarray) -> tuple[list[str], list[str], Any]:

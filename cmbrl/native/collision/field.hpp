@@ -69,6 +69,7 @@ struct Prism {
     H.points = point;
     H.normals = normal;
     H.columns = columns;
+    H.starts = nullptr;
     H.made = nullptr;
     H.nmade = 0;
     H.p = {};

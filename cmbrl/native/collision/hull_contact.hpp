@@ -21,6 +21,7 @@ static PosedHull posed(const Model& m, const Work<G>& w, int hull, int body, dou
   H.vertices = m.hull_ptr[hull + 1] - H.begin;
   H.count = m.hull_count(hull);
   H.columns = m.hull_column + m.hull_block[hull];
+  H.starts = m.hull_graph[hull] < 0 ? nullptr : m.climb_start + m.hull_graph[hull] * Model::climb_cells;
   H.made = made;
   CMBRL_FOR(k, 9) H.R[k] = k % 4 == 0;
   CMBRL_FOR(k, 9) if (body >= 0) H.R[k] = w.R[body].m[k][lane];

@@ -3,6 +3,7 @@
 // Conference 2001). Both look at the differences of points of one hull and of the other, with plain numbers: lanes differ in their ways.
 #pragma once
 #include "scene/model.hpp"
+#include "collision/climb.hpp"
 #include "base/pack.hpp"
 
 namespace cmbrl::CMBRL_ISA {
@@ -29,6 +30,7 @@ struct PosedHull {
   int first_point, first_face;
   int begin, vertices, count;  // how many vertices there are, and with those that fill up
   const double* columns;
+  const int* starts;  // of a hull of many vertices (climb.hpp), or null
   double R[9];
   Point p;
   int kind;
@@ -90,6 +92,7 @@ struct PosedHull {
     }
     double y[3];
     for (int k = 0; k < 3; ++k) y[k] = R[k] * d.x[0] + R[3 + k] * d.x[1] + R[6 + k] * d.x[2];
+    if (starts) return climb(*m, starts, y);
     T most[2] = {splat(-1e300), splat(-1e300)}, at[2] = {}, number = T{};  // of even and of odd blocks, which need not wait for each other
     for (int k = 0; k < W; ++k) number[k] = k;
     auto look = [&](int k, int odd) {

@@ -64,6 +64,7 @@ struct Model : Structure {
   const int* con_when;       // see When: of two geoms that touch in another way where rows look ahead
   const int *con_hullB, *con_first, *con_many;  // of hulls (hull_contact.hpp): that of B; whether A is MuJoCo's first; more than one point
   const int *hull_ptr, *vertex_ptr, *vertex_face, *face_ptr, *face_vertex;  // side.hpp: vertices of hulls, faces around each; vertices of faces
+  const int *next_ptr, *vertex_next, *hull_graph, *climb_start;  // climb.hpp: neighbours of each vertex; of each hull its graph, or -1; where to begin
   const int* hull_block;         // where the columns of each hull begin: x, y and z of its vertices, each as many as hull_width rounds up to
   const double* hull_column;
   const double* hull_bound;      // of each hull, the box around it along the axes of its body's frame: centre, half sizes
@@ -75,6 +76,7 @@ struct Model : Structure {
   const double* field_height;    // [m] above its base
   const int *con_kin, *grp_kin, *kin_ptr;        // candidates that may share a row of a pack: of one group, with laws that differ in lane numbers only
   int nkin;                  // those of group g are numbers grp_kin[g] to grp_kin[g + 1] - 1; kin_ptr: how many candidates those before have
+  static constexpr int climb_side = 8, climb_cells = 6 * climb_side * climb_side;  // of directions, along each side of a cube
   static constexpr int hull_width = 16;  // a multiple of any pack's; the last vertex fills up
   int hull_count(int hull) const { return (hull_ptr[hull + 1] - hull_ptr[hull] + hull_width - 1) / hull_width * hull_width; }
   double largest_invweight;  // of a contact

@@ -61,6 +61,8 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.face_vertex = i("face_vertex", m.face_ptr[faces]); m.vertex_ptr = i("vertex_ptr", size_t(m.hull_ptr[hulls]) + 1);
   m.vertex_face = i("vertex_face", m.vertex_ptr[m.hull_ptr[hulls]]);
   m.hull_kind = i("hull_kind", hulls);
+  m.next_ptr = i("next_ptr", size_t(m.hull_ptr[hulls]) + 1); m.vertex_next = i("vertex_next", m.next_ptr[m.hull_ptr[hulls]]);
+  m.hull_graph = i("hull_graph", hulls); m.climb_start = i("climb_start", size_t(Model::climb_cells) * std::count_if(m.hull_graph, m.hull_graph + hulls, [](int k) { return k >= 0; }));
   size_t fields = size("nfield");
   m.prism = size("prism"); m.hull_field = i("hull_field", hulls); m.field_size = i("field_size", 2 * fields);
   m.field_ptr = i("field_ptr", fields + 1); m.field_height = d("field_height", m.field_ptr[fields]);

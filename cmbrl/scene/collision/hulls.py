@@ -14,6 +14,7 @@ from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.collision.candidate_table import CandidateTable
 from cmbrl.scene.collision.contact_records import ContactKind
 from cmbrl.scene.collision.height_fields import PRISM, PRISM_SIDES, HeightField, field_arrays, read_field
+from cmbrl.scene.collision.hull_graph import HullGraph, graph_arrays
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, Frame, Tree
 
@@ -39,7 +40,7 @@ _KINDS = {  # as the core numbers them
 class Hull:
     """Vertices (n, 3) and outward normals (m, 3) in the body frame, and the vertices around each of the m sides.
 
-    Of a round shape or a height field: the corners of its box, and no sides.
+    Of a round shape or a height field: the corners of its box, and no sides. ``graph``: of a mesh of many vertices.
     """
 
     kind: int
@@ -47,6 +48,7 @@ class Hull:
     normals: Array
     sides: tuple[tuple[int, ...], ...]
     field: HeightField | None = None
+    graph: HullGraph | None = None
 
 
 def hull_arrays(model: mujoco.MjModel, tree: Tree, candidates: CandidateTable, count: int) -> dict[str, Any]:
@@ -116,11 +118,13 @@ def _read_hull(model: mujoco.MjModel, geom: int, frame: Frame) -> Hull | None:
     number = {vertex: k for k, vertex in enumerate(used)}
     turn = frame.rot @ quaternion_matrix(model.geom_quat[geom])
     vertices = np.asarray(model.mesh_vert[model.mesh_vertadr[mesh] + np.array(used)], dtype=np.float64)
+    points = frame.pos + frame.rot @ model.geom_pos[geom] + vertices @ turn.T
     return Hull(
         _KINDS[_MESH],
-        frame.pos + frame.rot @ model.geom_pos[geom] + vertices @ turn.T,
+        points,
         np.asarray(model.mesh_polynormal[polygons.start : polygons.stop], dtype=np.float64) @ turn.T,
         tuple(tuple(number[vertex] for vertex in side) for side in sides),
+        graph=HullGraph.of(points),
     )
 
 
@@ -169,4 +173,5 @@ def _flattened(hulls: Sequence[Hull]) -> dict[str, Any]:
         "face_ptr": integers(np.cumsum([0, *lengths])),
         "face_vertex": integers(vertices),
         "face_normal": doubles(np.concatenate([np.zeros((0, 3)), *(hull.normals for hull in hulls)]), (-1, 3)),
+        **graph_arrays([hull.graph for hull in hulls], [len(hull.points) for hull in hulls]),
     }

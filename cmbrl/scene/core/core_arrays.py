@@ -151,6 +151,10 @@ class CoreArrays:
     hull_point: Array  # (vertices, 3) in the body frame
     vertex_ptr: Integers  # (vertices + 1,) where the sides around each vertex begin
     vertex_face: Integers
+    next_ptr: Integers  # (vertices + 1,) where the neighbours of each vertex begin, of hulls of many
+    vertex_next: Integers  # along edges
+    hull_graph: Integers  # (nhull,) number among those, or -1
+    climb_start: Integers  # (graphs * 384,) the farthest vertex in the middle of each cell of directions
     face_ptr: Integers  # (nface + 1,) where the vertices of each side begin
     face_vertex: Integers  # in order around it
     face_normal: Array  # (nface, 3) outwards, in the body frame
