@@ -24,6 +24,7 @@ import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.activations import Activations
+from cmbrl.models.late import NEXT, late_response
 from cmbrl.numbers import real
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import Joint, JointKind, Parameter
@@ -39,8 +40,6 @@ _LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of p
 _LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
 _LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
 _AHEAD = 1.5  # of a step of the log, less one of the model: commands that move between its samples, or are logged late
-_NEXT = 2  # commands that follow a step and may act in it
-_TAIL = 20.0  # time constants after which a lag has settled, to 2e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +167,12 @@ class Observation:
 
     def commands(self, log: Transitions, psi: np.ndarray, rows: np.ndarray | None = None) -> np.ndarray:
         """Controls (R, nu + na) at ``psi`` (n + nt,) of ``rows`` (R,), or of all, without their derivatives."""
-        if self.activations is None or log.u.shape[1] == 0:
-            return self.controls(log, psi, rows)[0]
         every = np.arange(len(log))
-        found = self.activations.along(log.episode, self._commanded(log, psi, every)[0], psi[len(self) :])
+        if log.u.shape[1] == 0:
+            return log.u[every if rows is None else rows]
+        if self.activations is None:
+            return self._acting(log, psi, every if rows is None else rows)
+        found = self.activations.along(log.episode, self._acting(log, psi, every), psi[len(self) :])
         return found if rows is None else found[rows]
 
     def controls(
@@ -192,59 +193,49 @@ class Observation:
             return found[0][rows], found[1][rows]
         return self._commanded(log, psi, rows)
 
+    def _acting(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Commands (R, nu) of ``rows`` that act, without activations."""
+        biases = self.servo.shape[1]
+        return np.asarray(self._given(log, psi, rows, 1)[0][0] + self.servo @ psi[:biases])
+
     def _commanded(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same without activations."""
+        """The same, and their derivatives (R, nu, n + nt)."""
+        biases, own = self.servo.shape[1], len(self)
+        given, rate = self._given(log, psi, rows, 3)
+        slope = np.zeros((*rate.shape, len(psi)))
+        slope[:, :, :biases] = self.servo
+        slope[:, self.leads, biases + np.arange(len(self.leads))] = rate[:, self.leads]
+        slope[:, :, own - 2 : own] = np.moveaxis(given[1:], 0, -1)
+        slope[:, :, self._ahead] = -given[1][:, :, None]
+        return given[0] + self.servo @ psi[:biases], slope
+
+    @property
+    def _ahead(self) -> list[int]:
+        return [k for k, p in enumerate(self.parameters) if p.group == AHEAD]
+
+    def _given(self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+        """Late and filtered commands, with what leads add, and the rates (R, nu) that leads take.
+
+        The first ``count`` (count, R, nu) of: commands, and their derivatives in delay and lag.
+        """
         biases, own = self.servo.shape[1], len(self)
         lead = np.zeros(log.u.shape[1])
         lead[self.leads] = psi[biases : biases + len(self.leads)]
-        ahead = [k for k, p in enumerate(self.parameters) if p.group == AHEAD]
-        weights = late_response(float(psi[own - 2] - psi[ahead].sum()), float(psi[own - 1]), self.dt)
+        weights = late_response(float(psi[own - 2] - psi[self._ahead].sum()), float(psi[own - 1]), self.dt)[:count]
         begins = np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
         block = np.searchsorted(begins, rows, side="right") - 1
         first, last = begins[block], begins[block + 1] - 1
-        acted, rate = np.zeros((2, 3, len(rows), log.u.shape[1]))
+        acted, rate = np.zeros((2, count, len(rows), log.u.shape[1]))
         changes = np.diff(np.pad(weights, ((0, 0), (0, 1))), axis=1, prepend=0.0) / self.dt
-        for k, (weight, change) in enumerate(zip(np.pad(weights, ((0, 0), (0, 1))).T, changes.T, strict=True), -_NEXT):
+        rated = bool(lead.any()) or count > 1
+        for k, (weight, change) in enumerate(zip(np.pad(weights, ((0, 0), (0, 1))).T, changes.T, strict=True), -NEXT):
             if not (weight.any() or change.any()):
                 continue
             told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.clip(rows - k, first, last)]
             acted += weight[:, None, None] * told
-            rate += change[:, None, None] * told
-        given = acted + lead * rate
-        slope = np.zeros((*acted.shape[1:], len(psi)))
-        slope[:, :, :biases] = self.servo
-        slope[:, self.leads, biases + np.arange(len(self.leads))] = rate[0][:, self.leads]
-        slope[:, :, own - 2 : own] = np.moveaxis(given[1:], 0, -1)
-        slope[:, :, ahead] = -given[1][:, :, None]
-        return given[0] + self.servo @ psi[:biases], slope
-
-
-def late_response(delay: float, lag: float, dt: float) -> np.ndarray:
-    """``response``, where a delay below 0 makes the lag shorter first: the two together tell no more of a command.
-
-    A log that is early and slow at once would be explained by many pairs of them, and no robot acts so.
-    """
-    if delay >= 0.0:
-        return response(delay, lag, dt)
-    both = delay + lag
-    found, own = (response(0.0, both, dt), 2) if both > 0.0 else (response(both, 0.0, dt), 1)
-    return found[[0, own, own]]
-
-
-def response(delay: float, lag: float, dt: float) -> np.ndarray:
-    """Weights (3, 2 + taps) of commands in the mean of a step, from the next but one backwards, and their derivatives.
-
-    These are in delay and lag. What follows the step counts under a delay below 0, of at least ``-2 dt``.
-    """
-    taps = max(0, int(np.ceil((delay + _TAIL * lag) / dt))) + 2
-    late = np.maximum(np.arange(-_NEXT, taps + 1) * dt - delay, 0.0)
-    after = late > 0.0
-    left = np.exp(-late / lag) if lag > 0.0 else np.where(after, 0.0, 1.0)
-    tail = late / lag * left if lag > 0.0 else np.zeros_like(late)
-    # The integral of the response 1 - exp(-(t - delay) / lag) of a step, and its derivatives.
-    integral = np.stack([late - lag * (1.0 - left), -(1.0 - left), -(1.0 - left) + tail])
-    mean = np.diff(integral, axis=1) / dt
-    return np.diff(mean, axis=1, prepend=0.0)
+            if rated:
+                rate += change[:, None, None] * told
+        return acted + lead * rate, rate[0]
 
 
 def _bias(group: str, scene: Scene, joint: Joint) -> Parameter:

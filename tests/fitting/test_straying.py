@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -45,3 +47,22 @@ def test_what_commands_do_not_hold_is_compared_over_fewer_steps(
     model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(ROD.format(actuator)))
     (steps,) = Evidence.of(model, log_of(actuator, noise)).horizons("auto")
     assert least <= steps <= most
+
+
+SLAB = """<mujoco><option timestep=".005"/><worldbody><geom type="plane" size="0 0 1"/><body pos="0 0 .02"><freejoint/>
+<geom type="box" size=".2 .2 .02" mass="5"/><body pos="0 0 .03"><joint name="j" axis="0 1 0" damping=".002"/>
+<geom type="capsule" size=".01" fromto="0 0 0 0 0 .06" mass=".3" contype="0" conaffinity="0"/></body></body></worldbody>
+<actuator>{}</actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("actuator", "expected"), [(SERVO, 80), (MOTOR, 40)])
+def test_a_body_that_floats_is_compared_over_half_where_starts_part_faster_than_they_drift(
+    actuator: str, expected: int
+) -> None:
+    """A rod on a slab that lies on the floor, held by a servo, or balanced by torques that hold nothing."""
+    model, log = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(SLAB.format(actuator))), log_of(actuator, 1e-4)
+    seen = np.tile([0.0, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0], (1600, 1))
+    seen[:, :3] += 1e-4 * np.random.default_rng(1).normal(size=(1600, 3))
+    log = replace(log, base=seen)
+    (steps,) = Evidence.of(model, log).horizons("auto")
+    assert steps == expected

@@ -16,6 +16,7 @@ from cmbrl.models.windows import noise_of_positions
 if TYPE_CHECKING:
     from cmbrl.fitting.log.evidence import Evidence
 
+_STEADY = 1.5  # times as far as a drift would part them, or less
 _SHARES = (1, 2, 4)  # of the steps: all, a half, a quarter
 _LITTLE = 0.1  # of the change, that noise may grow to
 _FAR = 1.0  # the same, by which the file may miss the log
@@ -29,17 +30,26 @@ def told_by_model(evidence: Evidence, steps: int) -> int:
     At most a half where the file itself ends too far off.
     """
     tried = sorted({max(1, steps // share) for share in _SHARES})
-    astray, off = _astray(evidence, tried)
+    parted = _parted(evidence, tried)
+    astray, off = ({h: _rms(parted[h][k] / evidence.scales(h, 1.0)[0].q) for h in tried} for k in (0, 1))
     if off[steps] > _FAR and len(tried) > 1:
         tried = tried[:-1]
     return max((h for h in tried[1:] if astray[h] <= _LITTLE), default=tried[0])
 
 
-def _astray(evidence: Evidence, tried: list[int]) -> tuple[dict[int, float], dict[int, float]]:
-    """RMS by number of steps, in units of the loss, by which predictions differ from starts off by noise; from the log.
+def told_of_floating(evidence: Evidence, steps: int) -> int:
+    """``steps`` of a body that floats, or half where starts that are off part faster than they drift, by the file.
 
-    The second of coordinates that were measured.
+    Such starts are free: a drift says nothing against more steps, but chaos after impacts does.
     """
+    half, unit = max(1, steps // 2), evidence.scales(steps, 1.0)[0].q
+    parted = _parted(evidence, [half, steps])
+    before, after = (_rms(parted[h][0] / unit) for h in (half, steps))
+    return steps if after <= _STEADY * steps / half * before else half
+
+
+def _parted(evidence: Evidence, tried: list[int]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """By number of steps: how far (s, nv) starts off by noise lead from others, and the others from the log."""
     physical, log = evidence.seen(evidence.space.nominal)
     scene, model, longest = evidence.model.scene, evidence.model, tried[-1]
     starts = log.windows(longest)
@@ -48,15 +58,14 @@ def _astray(evidence: Evidence, tried: list[int]) -> tuple[dict[int, float], dic
     off, faster = (noise * draw.choice([-1.0, 1.0], size=(len(starts), scene.nv)) for _ in range(2))
     q = np.concatenate([log.q[starts], scene.integrate(log.q[starts], off)])
     v = np.concatenate([log.v[starts], log.v[starts] + _OF_SPEED / log.dt * faster])
-    found, missed = {}, {}
+    found = {}
     for j in range(longest):
         step = model.predict(q, v, np.tile(log.u[starts + j], (2, 1)), theta=physical)
         q, v = step.q_next, step.v_next
         if j + 1 in tried:
-            unit = evidence.scales(j + 1, 1.0)[0].q
             off_log = scene.difference(log.q_next[starts + j], q[: len(starts)])
-            found[j + 1], missed[j + 1] = (_rms(apart / unit) for apart in (scene.difference(*np.split(q, 2)), off_log))
-    return found, missed
+            found[j + 1] = scene.difference(*np.split(q, 2)), off_log
+    return found
 
 
 def _rms(x: np.ndarray) -> float:

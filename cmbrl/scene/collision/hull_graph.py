@@ -11,7 +11,6 @@ import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
 from cmbrl.scene.arrays import integers
-from cmbrl.scene.core.core_arrays import Integers
 from cmbrl.scene.records import Array
 
 _MANY = 48  # vertices from which on climbing is quicker
@@ -22,9 +21,9 @@ _CELLS = 8  # of directions, along each side of a cube around the hull; as the c
 class HullGraph:
     """Of each of n vertices ``neighbours``, from ``first`` (n + 1,) on; the farthest one in the middle of each cell."""
 
-    first: Integers
-    neighbours: Integers
-    starts: Integers
+    first: np.ndarray
+    neighbours: np.ndarray
+    starts: np.ndarray
 
     @classmethod
     def of(cls, points: Array) -> HullGraph | None:

@@ -19,11 +19,12 @@ from cmbrl.bench.scenes import PairedScene, paired
 from cmbrl.bench.studies.speed.candidates import compare_candidates
 from cmbrl.bench.timing import Spread, Work, interleaved
 from cmbrl.contact import Barrier, Exact
-from cmbrl.contact.smoothing import Smoothing
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.native import SolverStatus
 
-SMOOTHINGS: dict[str, Smoothing] = {"exact": Exact(), "1e-4 J": Barrier(1e-4)}
+Settings = Mapping[str, Mapping[str, Any]]  #: arguments of our model, by what they are called
+EXACT: Settings = {"exact": {"smoothing": Exact()}}
+SMOOTHINGS: Settings = {**EXACT, "1e-4 J": {"smoothing": Barrier(1e-4)}}
 DIFFERENCED = 256  #: states of MuJoCo's differences in a turn; a quarter for more than 20 degrees of freedom
 MUJOCO = ("Euler", "RK4", "implicit", "implicitfast")  #: integrators by MuJoCo's number
 OURS = ("forward", "jacobian", "vjp", "torch")
@@ -63,12 +64,12 @@ def against_mujoco(
     visited: Visited,
     batch: int,
     repeats: int,
-    smoothings: Mapping[str, Smoothing] = SMOOTHINGS,
+    settings: Settings = SMOOTHINGS,
     kinds: Sequence[str] = OURS,
 ) -> list[dict[str, Any]]:
-    """One row per smoothing, with times of ``kinds``; MuJoCo's step takes its turn right before each group of ours."""
+    """One row for each of the ``settings``, with times of ``kinds``; MuJoCo's step takes its turn before each group."""
     n, step = len(visited.q), MujocoStep(pair.peer, visited)
-    models = {name: pair.model(smoothing=smoothing) for name, smoothing in smoothings.items()}
+    models = {name: pair.model(**chosen) for name, chosen in settings.items()}
     work: Work = {}
     for name, model in models.items():
         ours = _ours(model, visited, batch)

@@ -10,8 +10,7 @@ from cmbrl.bench.peers.mujoco import compiled
 from cmbrl.bench.peers.mujoco_steps import visit
 from cmbrl.bench.peers.ours import scene_of
 from cmbrl.bench.scenes import PairedScene
-from cmbrl.bench.studies.speed.cells import against_mujoco
-from cmbrl.contact import Exact
+from cmbrl.bench.studies.speed.cells import EXACT, against_mujoco
 
 SIZES = {"dofs": (10, 20, 40, 70, 100), "contacts": (1, 3, 10, 30, 100, 200), "terrain": (10, 30, 100, 300, 1000)}
 KINDS = ("forward", "jacobian", "vjp")
@@ -70,7 +69,7 @@ def measure(what: str, size: int, states: int, batch: int, repeats: int, seed: i
     start = peer.qpos0.copy()
     pair = PairedScene(f"{size} {what}", peer, scene, "semi-implicit", start, np.zeros(0), 0.0, False)
     visited = visit(pair, states, seed)
-    (row,) = against_mujoco(pair, visited, batch, repeats, {"exact": Exact()}, KINDS)
+    (row,) = against_mujoco(pair, visited, batch, repeats, EXACT, KINDS)
     return {**row, "what": what, "size": size}
 
 

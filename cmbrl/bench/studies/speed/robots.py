@@ -10,13 +10,13 @@ import numpy as np
 
 from cmbrl.bench.peers.mujoco_steps import visit
 from cmbrl.bench.scenes import PairedScene
-from cmbrl.bench.studies.speed.cells import against_mujoco
-from cmbrl.contact import Exact
+from cmbrl.bench.studies.speed.cells import EXACT, against_mujoco
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.source.robot_source import compile_robot
 
 KINDS = ("forward", "jacobian", "vjp")
+_LAWS = {"laws": {**EXACT["exact"], "sliding": "convex", "look_ahead": False}}  # as fits to MuJoCo's logs
 _REACH = 0.1  # of random actions [rad] about the home pose, of servos; as a share of the control range, of others
 
 
@@ -50,12 +50,15 @@ def robot_name(file: Path) -> str:
 
 
 def measure(file: str, states: int, batch: int, repeats: int, seed: int) -> dict[str, Any]:
-    """The row of one robot (see :func:`against_mujoco`) with its ``nv``; or why there is none, as ``refused``."""
+    """The row of one robot (see :func:`against_mujoco`) with its ``nv``, and that under MuJoCo's laws as ``laws``.
+
+    Or why there is none, as ``refused``.
+    """
     name = robot_name(Path(file))
     try:
         pair = paired_robot(Path(file))
     except UserError as error:
         return {"scene": name, "refused": str(error)}
     visited = visit(pair, states, seed)
-    (row,) = against_mujoco(pair, visited, batch, repeats, {"exact": Exact()}, KINDS)
-    return {**row, "nv": pair.scene.nv, "candidates": pair.scene.core.ncontact}
+    row, laws = against_mujoco(pair, visited, batch, repeats, {**EXACT, **_LAWS}, KINDS)
+    return {**row, "nv": pair.scene.nv, "candidates": pair.scene.core.ncontact, "laws": laws}

@@ -99,16 +99,19 @@ def robot_tables(values: dict[str, Any]) -> list[Table]:
     cells: list[list[Cell]] = []
     for row in values["rows"]:
         if "refused" in row:
-            cells.append([row["scene"], *[None] * 11])
+            cells.append([row["scene"], *[None] * 13])
             continue
         us = [_us(row["seconds"][k]["median"]) if k in row["seconds"] else None for k in kinds]
+        us.append(_us(row["laws"]["seconds"]["forward"]["median"]))
         times = [_of_turns(row, k) for k in ("mj_step/forward", "mj_step/vjp", "mjd_transitionFD/jacobian")]
+        times.append(_of_turns(row["laws"], "mj_step/forward"))
         cells.append([row["scene"], row["nv"], row["candidates"], round(row["contacts"], 1), *us, *times])
     faster = {k: sum(row["ratios"][f"mj_step/{k}"]["median"] >= 1 for row in known) for k in ("forward", "vjp")}
-    note = [WORDS("tables.robots.note", count=len(cells), **faster), values["machine"] + "."]
+    laws = sum(row["laws"]["ratios"]["mj_step/forward"]["median"] >= 1 for row in known)
+    note = [WORDS("tables.robots.note", count=len(cells), laws=laws, **faster), values["machine"] + "."]
     note += [f"Not modelled: {row['refused']}." for row in values["rows"] if "refused" in row]
-    ratios = ["mj_step / step", "mj_step / VJP", "mjd_FD / Jacobian"]
-    columns = ["robot", "nv", "candidates", "contacts", *(NAMES[k] for k in kinds), *ratios]
+    ratios = ["mj_step / step", "mj_step / VJP", "mjd_FD / Jacobian", "mj_step / laws"]
+    columns = ["robot", "nv", "candidates", "contacts", *(NAMES[k] for k in kinds), "laws", *ratios]
     return [Table(WORDS("tables.robots.title", **values), columns, cells, "\n".join(note))]
 
 
