@@ -37,7 +37,8 @@ class HullGraph:
         edges = np.concatenate([triangles[:, pair] for pair in ([0, 1], [1, 2], [2, 0])])
         edges = np.unique(np.concatenate([edges, edges[:, ::-1]]), axis=0)
         linked = np.unique(edges[:, 0])  # others lie on a side between them
-        starts = linked[(_directions() @ points[linked].T).argmax(axis=1)]
+        heights = (side @ points[linked].T for side in np.split(_directions(), 6))  # of scans, large arrays
+        starts = linked[np.concatenate([each.argmax(axis=1) for each in heights])]
         return cls(np.cumsum([0, *np.bincount(edges[:, 0], minlength=len(points))]), edges[:, 1], starts)
 
 
