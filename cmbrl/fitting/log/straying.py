@@ -2,7 +2,8 @@
 
 Nothing pulls an arm under torques back to where it should be. Over half a second at full speed the noise of an encoder
 may then grow as large as the motion: such errors tell of the start, not of masses and friction, and where they explode
-no derivative leads anywhere. Nor does one where the file itself ends farther off than the robot has moved.
+no derivative leads anywhere. Nor does one where the file itself ends farther off than the robot has moved. A body that
+floats drifts as well, evenly: its starts are free (``start_noise``), and only what parts faster than that is too much.
 """
 
 from __future__ import annotations

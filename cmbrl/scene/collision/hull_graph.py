@@ -8,7 +8,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from cmbrl.scene.arrays import integers
 from cmbrl.scene.records import Array
@@ -30,6 +29,8 @@ class HullGraph:
         """Of the vertices ``points`` (n, 3) of a hull; None of few, and of what is flat to the last digit."""
         if len(points) < _MANY:
             return None
+        from scipy.spatial import ConvexHull, QhullError  # half a second, which most files do not need
+
         try:
             triangles = ConvexHull(points).simplices
         except QhullError:
