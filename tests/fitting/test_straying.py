@@ -50,17 +50,26 @@ def test_what_commands_do_not_hold_is_compared_over_fewer_steps(
 
 
 SLAB = """<mujoco><option timestep=".005"/><worldbody><geom type="plane" size="0 0 1"/><body pos="0 0 .02"><freejoint/>
-<geom type="box" size=".2 .2 .02" mass="5"/><body pos="0 0 .03"><joint name="j" axis="0 1 0" damping=".002"/>
-<geom type="capsule" size=".01" fromto="0 0 0 0 0 .06" mass=".3" contype="0" conaffinity="0"/></body></body></worldbody>
-<actuator>{}</actuator></mujoco>"""
+<geom type="box" size=".2 .2 .02" mass="5"/><body pos="0 0 .03"><joint name="j" axis="0 1 0" damping=".002" {}/>
+<geom type="{}" mass=".3" contype="0" conaffinity="0"/></body></body></worldbody><actuator>{}</actuator></mujoco>"""
+STICK, WHEEL = 'capsule" size=".01" fromto="0 0 0 0 0 .06', 'cylinder" size=".06 .01" zaxis="0 1 0'
+DRIVE = '<velocity name="m" joint="j" kv=".02"/>'
 
 
-@pytest.mark.parametrize(("actuator", "expected"), [(SERVO, 80), (MOTOR, 40)])
-def test_a_body_that_floats_is_compared_over_half_where_starts_part_faster_than_they_drift(
-    actuator: str, expected: int
-) -> None:
-    """A rod on a slab that lies on the floor, held by a servo, or balanced by torques that hold nothing."""
-    model, log = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(SLAB.format(actuator))), log_of(actuator, 1e-4)
+@pytest.mark.parametrize(
+    ("joint", "shape", "actuator", "expected"),
+    [
+        ("", WHEEL, DRIVE, 80),
+        ("", STICK, MOTOR, 40),  # balanced: starts part faster than they drift
+        ('range="-90 90"', STICK, MOTOR, 40),
+        ("", STICK, SERVO, 40),
+    ],
+)
+def test_a_body_on_wheels_is_compared_over_more_steps(joint: str, shape: str, actuator: str, expected: int) -> None:
+    """A slab on the floor that bears a wheel, a stick that torques balance, or one that a servo holds."""
+    text = SLAB.format(joint, shape, actuator)
+    model, log = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(text)), log_of(MOTOR, 1e-4)
+    log = replace(log, command_kind="position" if actuator == SERVO else "control")
     seen = np.tile([0.0, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0], (1600, 1))
     seen[:, :3] += 1e-4 * np.random.default_rng(1).normal(size=(1600, 3))
     log = replace(log, base=seen)

@@ -2,8 +2,8 @@
 
 Nothing pulls an arm under torques back to where it should be. Over half a second at full speed the noise of an encoder
 may then grow as large as the motion: such errors tell of the start, not of masses and friction, and where they explode
-no derivative leads anywhere. Nor does one where the file itself ends farther off than the robot has moved. A body that
-floats drifts as well, evenly: its starts are free (``start_noise``), and only what parts faster than that is too much.
+no derivative leads anywhere. Nor does one where the file itself ends farther off than the robot has moved. A body on
+wheels drifts as well, evenly: its starts are free (``start_noise``), and only what parts faster than that is too much.
 """
 
 from __future__ import annotations
@@ -13,9 +13,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.models.windows import noise_of_positions
+from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
     from cmbrl.fitting.log.evidence import Evidence
+    from cmbrl.scene import Scene
 
 _STEADY = 1.5  # times as far as a drift would part them, or less
 _SHARES = (1, 2, 4)  # of the steps: all, a half, a quarter
@@ -38,8 +40,16 @@ def told_by_model(evidence: Evidence, steps: int) -> int:
     return max((h for h in tried[1:] if astray[h] <= _LITTLE), default=tried[0])
 
 
-def told_of_floating(evidence: Evidence, steps: int) -> int:
-    """``steps`` of a body that floats, or half where starts that are off part faster than they drift, by the file.
+def rolls(scene: Scene) -> bool:
+    """Whether some hinge turns without end, and no position servo holds it: a wheel, of a body that floats."""
+    core = scene.core
+    held = {int(core.act_line[k]) for k in range(scene.nu) if core.P[scene.layout.actuator(k, "bias1")] != 0.0}
+    held |= set(core.lim_line.tolist())
+    return any(joint.kind == JointKind.HINGE and joint.vadr not in held for joint in scene.joints)
+
+
+def told_of_rolling(evidence: Evidence, steps: int) -> int:
+    """``steps`` of a body on wheels, or half where starts that are off part faster than they drift, by the file.
 
     Such starts are free: a drift says nothing against more steps, but chaos after impacts does.
     """
