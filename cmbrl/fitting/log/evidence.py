@@ -110,7 +110,7 @@ class Evidence:
             longer = (h for h in _LONGER if h * self.log.dt <= _NOISY_AHEAD)
             return (*HORIZONS, *longer) if self.noisy else HORIZONS
         floats = free_joint(self.model.scene) is not None
-        on_wheels = floats and rolls(self.model.scene)
+        on_wheels = floats and rolls(self)
         ahead = _ROLLING_AHEAD if on_wheels else _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
         steps = range(round(ahead / self.log.dt), 1, -1)
         told = (h for h in steps if len(windows_in_blocks(self.log, h)) >= LEAST_WINDOWS)

@@ -17,7 +17,6 @@ from cmbrl.scene.records import JointKind
 
 if TYPE_CHECKING:
     from cmbrl.fitting.log.evidence import Evidence
-    from cmbrl.scene import Scene
 
 _STEADY = 1.5  # times as far as a drift would part them, or less
 _SHARES = (1, 2, 4)  # of the steps: all, a half, a quarter
@@ -40,11 +39,10 @@ def told_by_model(evidence: Evidence, steps: int) -> int:
     return max((h for h in tried[1:] if astray[h] <= _LITTLE), default=tried[0])
 
 
-def rolls(scene: Scene) -> bool:
+def rolls(evidence: Evidence) -> bool:
     """Whether some hinge turns without end, and no position servo holds it: a wheel, of a body that floats."""
-    core = scene.core
-    held = {int(core.act_line[k]) for k in range(scene.nu) if core.P[scene.layout.actuator(k, "bias1")] != 0.0}
-    held |= set(core.lim_line.tolist())
+    scene, holds = evidence.model.scene, evidence.observation.holds
+    held = {*scene.core.act_line[: len(holds)][holds].tolist(), *scene.core.lim_line.tolist()}
     return any(joint.kind == JointKind.HINGE and joint.vadr not in held for joint in scene.joints)
 
 
@@ -56,7 +54,7 @@ def told_of_rolling(evidence: Evidence, steps: int) -> int:
     half, unit = max(1, steps // 2), evidence.scales(steps, 1.0)[0].q
     parted = _parted(evidence, [half, steps])
     before, after = (_rms(parted[h][0] / unit) for h in (half, steps))
-    return steps if after <= _STEADY * steps / half * before else half
+    return steps if np.isfinite(after) and after <= _STEADY * steps / half * before else half
 
 
 def _parted(evidence: Evidence, tried: list[int]) -> dict[int, tuple[np.ndarray, np.ndarray]]:
