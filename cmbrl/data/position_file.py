@@ -63,7 +63,12 @@ def fields_of(found: dict[str, np.ndarray]) -> dict[str, Any]:
     """The fields of a log by the arrays of its file; raises UserError for what is missing."""
     if set(BASE) <= set(found):
         found = dict(found)
-        found["base"] = np.hstack([checks.numbers(key, found[key]) for key in BASE])
+        place, turn = (checks.numbers(key, found[key]) for key in BASE)
+        if len(place) != len(turn):
+            raise UserError(
+                f"base_position has {len(place)} rows, base_quaternion has {len(turn)}; give one row per sample"
+            )
+        found["base"] = np.hstack([place, turn])
         for key in () if "joint_position" in found else ("joint_position", "commanded_position"):
             found[key] = np.zeros((len(found["base"]), 0))
         found.setdefault("joint_names", np.empty(0, dtype=np.str_))

@@ -13,6 +13,7 @@ import cmbrl
 from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import Frames, Options, import_logs
 from cmbrl.data.importing.base_clock import Course, offset
+from cmbrl.data.position_file import fields_of
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.smoothing import smooth_rotations
 from cmbrl.errors import UserError
@@ -292,3 +293,8 @@ def test_a_clock_in_milliseconds_is_told(walk: dict) -> None:
         np.savez(walk["folder"] / "slow.npz", **{**capture, "time": 1e3 * capture["time"]})
     with pytest.raises(UserError, match=r"the capture lasts .* s: milliseconds instead of seconds"):
         brought(walk, "joints.npz", capture="slow.npz")
+
+
+def test_places_and_turns_of_different_length_are_one_line() -> None:
+    with pytest.raises(UserError, match=r"^base_position has 3 rows, base_quaternion has 4; give one row per sample$"):
+        fields_of({"base_position": np.zeros((3, 3)), "base_quaternion": np.tile([1.0, 0, 0, 0], (4, 1))})
