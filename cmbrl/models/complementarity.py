@@ -17,13 +17,13 @@ from cmbrl.models import theta as physical
 from cmbrl.models.activations import Activations
 from cmbrl.models.autograd import check_tensors, differentiable_step
 from cmbrl.models.following import followed
+from cmbrl.models.log_windows import LogWindows
 from cmbrl.models.manifold import Coordinates
 from cmbrl.models.observation import Observation
 from cmbrl.models.step_result import SolverWarning, StepResult
 from cmbrl.models.step_settings import StepSettings, read_config
 from cmbrl.models.stepper import Stepper
 from cmbrl.models.variations import Variations
-from cmbrl.models.windows import Windows
 from cmbrl.models.wiring import Wiring
 from cmbrl.native import SolverStatus
 from cmbrl.numbers import real_array, switch, whole
@@ -32,11 +32,10 @@ from cmbrl.scene import Scene
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
 
-FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 
 
-class ComplementarityModel(Variations):
+class ComplementarityModel(Variations, LogWindows):
     """Next-state model M (v' - v) = h (tau - bias) + J^T x with complementary contact, limits and friction.
 
     Args:
@@ -243,22 +242,6 @@ class ComplementarityModel(Variations):
         assert r.jacobian is not None
         nv, first = self.scene.nv, 2 * self.scene.nv + self.scene.inputs
         return r.q_next, r.v_next, r.jacobian[:, :nv, first:], r.jacobian[:, nv:, first:]
-
-    def candidate_losses(self, theta: np.ndarray, windows: Windows) -> np.ndarray:
-        """Losses (C, S) of parameter candidates theta (C, np) by window, in one native batch.
-
-        Every window is predicted open loop, from states of each candidate's own if ``windows`` have such. The Huber
-        loss of (prediction - log) / scale is summed over coordinates and averaged over steps. A failed solve adds a
-        large constant.
-        """
-        data, scales = windows.data, windows.scales
-        q, v = windows.begin(self.scene)
-        losses: np.ndarray = self.stepper.core.loss(
-            q, v, data.u, data.q_next, data.v_next, windows.starts, windows.horizon,
-            real_array(theta, "theta"), scales.q, scales.v, scales.huber, FAILURE_LOSS,
-            self.stepper.options, self.threads,
-        )  # fmt: skip
-        return losses / windows.horizon
 
     def smooth_dynamics(
         self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None, contacts: bool = True

@@ -167,8 +167,8 @@ class Windows:
         chosen = [(scales, self.recording == k) for k, scales in enumerate(self.own)]
         return [(rows, replace(self.some(rows), scales=scales, own=())) for scales, rows in chosen if rows.any()]
 
-    def some(self, rows: np.ndarray) -> Windows:
-        """Those windows in ``rows``: a mask (S,), or numbers."""
+    def some(self, rows: np.ndarray | slice) -> Windows:
+        """Those windows in ``rows``: a mask (S,), numbers, or a slice."""
         offset = None if self.offset is None else self.offset[..., rows, :]
         return replace(self, starts=self.starts[rows], offset=offset)
 

@@ -4,6 +4,7 @@
 #include "step/passes.hpp"
 #include "step/quantities.hpp"
 #include "step/survey.hpp"
+#include "step/windows.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -25,6 +26,9 @@ const Backend backend = {
     },
     [](const Model& m, const Options& o, const LossBatch& b, int64_t first, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? candidate_loss<Planar>(m, o, b, first, s, e, w) : candidate_loss<Spatial>(m, o, b, first, s, e, w);
+    },
+    [](const Model& m, const Options& o, const WindowBatch& b, int64_t s, int64_t e, StepMemory& w) {
+      m.planar ? window_packs<Planar>(m, o, b, s, e, w) : window_packs<Spatial>(m, o, b, s, e, w);
     },
     [](const Model& m, const Options& o, const Batch& b, double* M, double* bias, double* length, double* gap, double* J, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, length, gap, J, s, e, w)

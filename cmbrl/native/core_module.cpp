@@ -138,11 +138,7 @@ class Core {
     bool own = q.ndim() == 3;
     if (own) { check(q, "q", {candidates, count, m.nq}); check(v, "v", {candidates, count, m.nv}); }
     else { check(q, "q", {count, m.nq}); check(v, "v", {count, m.nv}); }
-    if (horizon < 1) refuse("horizon is " + std::to_string(horizon) + "; give at least 1");
-    for (int64_t i = 0; i < count; ++i)
-      if (int64_t start = starts.data()[i]; start < 0 || start > rows - horizon)
-        refuse("start " + std::to_string(start) + " with a horizon of " + std::to_string(horizon) + " leaves the log of " +
-               std::to_string(rows) + " rows");
+    check_windows(starts, horizon, rows);
     LossBatch b{candidates, count, horizon, q.data(), v.data(), own ? count : 0, u.data(), q_next.data(), v_next.data(),
                 theta.data(), scale_q.data(), scale_v.data(), starts.data(), huber, fail_penalty, nullptr};
     auto out = make_array<double>({size_t(candidates), size_t(count)}, &b.loss);
@@ -152,6 +148,35 @@ class Core {
       backend_.loss(m, o, b, k / slices * width, begin, std::min<int64_t>(count, begin + 256), w);
     }, 1);
     return nb::cast(out);
+  }
+
+  // Predictions from q, v (S, ...) under the rows of u from `starts` on, and their tangents: of those `begun` (2 nv, c), of which the first
+  // columns move controls by `driven` (N, nu, d), and of the parameters `columns`; those `rows` (r,) of them that are asked for.
+  nb::dict windows(Array q, Array v, Array u, Index starts, int horizon, Array theta, Index columns, Array begun, Array driven,
+                   Index rows, nb::dict options, int threads) {
+    const Model& m = data_->model;
+    Options o = settings(options);
+    int64_t count = int64_t(starts.size()), log = int64_t(u.ndim() ? u.shape(0) : 0);
+    check(q, "q", {count, m.nq}); check(v, "v", {count, m.nv}); check(u, "u", {log, m.nu}); check(theta, "theta", {m.ntheta});
+    check(begun, "begun", {2 * m.nv, -1}); check(driven, "driven", {log, m.nu, -1});
+    check_windows(starts, horizon, log);
+    check_limits(theta.data(), 1);
+    if (driven.shape(2) > begun.shape(1)) refuse("more columns move controls than there are; give a tangent for each");
+    for (size_t i = 0; i < rows.size(); ++i)
+      if (rows.data()[i] < 0 || rows.data()[i] >= 2 * m.nv) refuse("row " + std::to_string(rows.data()[i]) + " of " + std::to_string(2 * m.nv));
+    Batch wanted{};
+    want(wanted, columns.data(), int64_t(columns.size()));
+    WindowBatch b{count, horizon, q.data(), v.data(), u.data(), theta.data(), starts.data(), wanted.wanted, int64_t(begun.shape(1)),
+                  int64_t(driven.shape(2)), wanted.nwanted, int64_t(rows.size()), begun.data(), driven.data(), rows.data(),
+                  nullptr, nullptr, nullptr, nullptr};
+    size_t n = count, steps = horizon;
+    nb::dict out;
+    out["q_next"] = make_array<double>({n, steps, size_t(m.nq)}, &b.q_next);
+    out["v_next"] = make_array<double>({n, steps, size_t(m.nv)}, &b.v_next);
+    out["tangents"] = make_array<double>({n, size_t(b.nbefore + b.nwanted), steps, size_t(b.nrow)}, &b.tangents);
+    out["told"] = make_array<uint8_t>({n, size_t(b.nwanted)}, &b.told);
+    run(count, threads, Purpose::product, [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.windows(m, o, b, s, e, w); });
+    return out;
   }
 
   nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool contacts) {
@@ -267,6 +292,13 @@ class Core {
     return bodies;
   }
 
+  static void check_windows(const Index& starts, int horizon, int64_t rows) {
+    if (horizon < 1) refuse("horizon is " + std::to_string(horizon) + "; give at least 1");
+    for (size_t i = 0; i < starts.size(); ++i)
+      if (int64_t start = starts.data()[i]; start < 0 || start > rows - horizon)
+        refuse("start " + std::to_string(start) + " with a horizon of " + std::to_string(horizon) + " leaves the log of " +
+               std::to_string(rows) + " rows");
+  }
   // As many states as v has rows, with controls and parameters where there are some.
   Batch states(const Array& q, const Array& v, const Array* u, const std::optional<Array>& theta) const {
     const Model& m = data_->model;
@@ -344,6 +376,8 @@ void bind_core(nb::module_& module) {
            "want_theta"_a = false, "threads"_a = 1)
       .def("loss", &Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
+      .def("windows", &Core::windows, "q"_a, "v"_a, "u"_a, "starts"_a, "horizon"_a, "theta"_a, "columns"_a, "begun"_a, "driven"_a,
+           "rows"_a, "options"_a, "threads"_a = 1)
       .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a,
            "contacts"_a = true)
       .def("gaps", &Core::gaps, "q"_a)

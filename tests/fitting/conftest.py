@@ -15,11 +15,14 @@ import numpy as np
 import pytest
 
 from cmbrl.data.transitions import Transitions
+from cmbrl.models.log_windows import Predicted
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
 from cmbrl.models.windows import huber as huber_loss
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import Parameter
+
+from ..models.windows_by_steps import along_by_steps
 
 H = 0.02
 FIELDS = ("mass", "damping", "frictionloss", "gear")
@@ -76,7 +79,7 @@ class CartScene:
 class CartModel:
     """The part of ComplementarityModel that a fit uses."""
 
-    dt, substeps = H, 1
+    dt, substeps, lanes = H, 1, 4
 
     def __init__(
         self, scene: CartScene, parameters: np.ndarray | None = None, observation: dict[str, float] | None = None
@@ -155,6 +158,9 @@ class CartModel:
                 residual = np.hstack([(a - data.q_next[rows]) / scales.q, (b - data.v_next[rows]) / scales.v])
                 losses[c] += huber_loss(residual, scales.huber).sum(axis=1) / horizon
         return losses
+
+    def along(self, windows: Windows, theta: np.ndarray, *wanted: np.ndarray) -> Predicted:
+        return along_by_steps(self, windows, theta, *wanted)
 
 
 def record(model: CartModel, episodes: int, steps: int, seed: int = 0, noise: float = 0.0) -> Transitions:

@@ -91,5 +91,5 @@ def _slopes(lineariser: Lineariser, part: slice, by_z: np.ndarray) -> np.ndarray
     """Derivatives (s, w, n) of the windows in ``part`` in z, whose parameters have slopes ``by_z`` (n,)."""
     found = lineariser.at(part)
     slopes = np.zeros((*found.residual.shape, len(by_z)))
-    slopes[:, :, found.told] = found.jacobian * by_z[found.told]
+    slopes[:, :, found.told] = np.moveaxis(found.jacobian * by_z[found.told, None], 1, -1)
     return slopes

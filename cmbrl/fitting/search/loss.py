@@ -20,7 +20,7 @@ import numpy as np
 from cmbrl.fitting.search.linearised import Lineariser
 from cmbrl.fitting.search.loss_values import Errors, NormalEquations, alike_rows
 from cmbrl.fitting.search.space import Space
-from cmbrl.fitting.search.square_root import Rows, root_of
+from cmbrl.fitting.search.square_root import Rows, add_squares, root_of
 from cmbrl.fitting.search.starts import Follow, Settling, StartEquations
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
@@ -34,6 +34,7 @@ _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivativ
 _EXACT = 1e-8  # loss of a coordinate that the solver's accuracy leaves
 _RISE = 1e-6  # of the loss: more than round-off
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
+_MOST_NUMBERS = 30_000_000  # the same of windows that fill no more than the lanes of the core
 
 
 @dataclass(frozen=True)
@@ -169,37 +170,37 @@ class PredictionLoss:
         gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
         width, alike, followed, collected = scales.observed * self.windows.horizon, [], [], Rows(len(space))
         by_z, lineariser = space.slope(z)[columns], self.lineariser(space.theta(z), columns)
-        block = max(1, _JACOBIAN_NUMBERS // (width * max(n + len(scales.uncertain), 1)))
+        block = self._at_once(width * max(n + len(scales.uncertain), 1))
         for i in range(0, len(all_starts), block):
             part = slice(i, i + block)
             found = lineariser.at(part)
-            residual, told, slope = found.residual, found.told, found.slope
-            jacobian = found.jacobian * by_z[told]
-            lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2)))
-            lost |= ~np.isfinite(slope).all(axis=(1, 2))
-            lost |= np.abs(jacobian).max(axis=(1, 2), initial=0.0) > _CHAOS
+            residual, told, slope, jacobian = found.residual, found.told, found.slope, found.jacobian
+            jacobian *= by_z[told, None]
+            lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(slope).all(axis=(1, 2)))
+            lost |= ~(jacobian.max(axis=(1, 2), initial=0.0) <= _CHAOS)  # also where it is not finite
+            lost |= ~(jacobian.min(axis=(1, 2), initial=0.0) >= -_CHAOS)
             # failed steps and chaos: a constant in the loss, which has no slope
             residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
             alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
             weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
             loss = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon
             counts = self.windows.weight(loss + np.broadcast_to(self.windows.price, len(all_starts))[part])
-            slopes = ((weight * residual)[:, None] @ jacobian)[:, 0]
-            rows = (np.sqrt(weight * counts[:, None])[:, :, None] * jacobian).reshape(residual.size, len(told))
-            hessian[np.ix_(told, told)] += rows.T @ rows
-            if rooted and self.windows.offset is None:
-                collected.add(rows, columns[told])
+            slopes = (jacobian @ (weight * residual)[:, :, None])[:, :, 0]
             size += float((counts[:, None] * weight * residual**2).sum())
             if self.windows.offset is not None:
                 offset = self.windows.offset[part]
                 precision = self.windows.start_precision[part if self.windows.own else slice(None)]
                 starts = StartEquations.of(residual, weight, slope, offset, precision, scales.huber)
-                cross = slope.transpose(0, 2, 1) @ (weight[:, :, None] * jacobian)  # (s, k, n)
+                cross = (jacobian @ (weight[:, :, None] * slope)).transpose(0, 2, 1)  # (s, k, n)
                 solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
                 slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
                 counted = counts[:, None, None] * cross
                 hessian[np.ix_(told, told)] -= np.tensordot(counted, solved[:, :, 1:], axes=([0, 1], [0, 1]))
                 followed.append(Follow.of(-solved, columns[told], len(space)))
+            jacobian *= np.sqrt(weight * counts[:, None])[:, None]  # from here on: rows that are squared
+            add_squares(hessian, jacobian.reshape(*jacobian.shape[:2], self.windows.horizon, -1), told)
+            if rooted and self.windows.offset is None:
+                collected.add(np.moveaxis(jacobian, 1, -1).reshape(residual.size, len(told)), columns[told])
             np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), counts[:, None] * slopes)
         count = self.steps
         by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
@@ -210,6 +211,15 @@ class PredictionLoss:
         exact = rooted and self.windows.offset is None
         root = collected.root() / np.sqrt(count) if exact else root_of(square) if rooted else None
         return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance, follow, root)
+
+    def _at_once(self, numbers: int) -> int:
+        """Windows to linearise together, of which each has so many ``numbers`` as derivatives.
+
+        The core takes as long for one as for as many as it has lanes: so many, or twice as many, where memory allows.
+        """
+        lanes = self.model.lanes
+        count = max(_JACOBIAN_NUMBERS // numbers, min(2 * lanes, _MOST_NUMBERS // numbers), 1)
+        return count if count < lanes else count // lanes * lanes
 
     def _followed(self, follow: Follow, theta: np.ndarray) -> Follow:
         """``follow``; where its shift raises the mean error at ``theta`` (n,), of the windows whose error it does not.

@@ -40,6 +40,19 @@ def root_of(matrix: np.ndarray) -> np.ndarray:
     return (np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T) * size
 
 
+def add_squares(matrix: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> None:
+    """Adds R^T R of ``rows`` (s, k, steps, c), by column first, to those ``columns`` (k,) of ``matrix`` (n, n).
+
+    Coordinates c of limbs that do not touch depend on parameters of their own: only products of columns that some
+    coordinate has together are formed.
+    """
+    supports, part = np.unique((rows != 0.0).any(axis=(0, 2)), axis=1, return_inverse=True)  # columns by coordinate
+    for k, told in enumerate(supports.T):
+        some = rows[:, told][..., part.ravel() == k] if supports.shape[1] > 1 else rows[:, told]
+        flat = np.moveaxis(some, 1, 0).reshape(int(told.sum()), some.size // max(1, int(told.sum())))
+        matrix[np.ix_(columns[told], columns[told])] += flat @ flat.T
+
+
 def without(root: np.ndarray, silent: np.ndarray) -> np.ndarray:
     """P (n, n) such that R P tells nothing of the directions ``silent`` (n, k), and else what R (m, n) tells."""
     size = np.linalg.norm(root, axis=0)

@@ -31,6 +31,6 @@ class Memory {
   size_t bytes_ = 0;
 };
 
-struct StepMemory { Memory scene, contacts, groups, given, grips, left, passed, rows, factor, stages; };
+struct StepMemory { Memory scene, contacts, groups, given, grips, left, passed, rows, factor, stages, window; };
 
 }  // namespace cmbrl

@@ -240,6 +240,19 @@ struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by ca
   double *loss;  // (ncandidate, nstart): summed over steps and coordinates; the caller averages in order
 };
 
+struct WindowBatch {  // open-loop predictions and their derivatives: by columns that are given, of which the first ones move controls, and parameters
+  int64_t nstart;
+  int horizon;
+  const double *q, *v, *u, *theta;  // where windows start (nstart, ...), controls of the log's rows, one parameter vector
+  const int64_t *starts, *wanted;
+  int64_t nbefore, ndriven, nwanted, nrow;
+  const double *begun, *driven;  // tangents of the starts (2 nv, nbefore), and of the controls (rows, nu, ndriven)
+  const int64_t *rows;           // of (q, v), whose tangents are asked for
+  double *q_next, *v_next;       // (nstart, horizon, ...)
+  double *tangents;              // (nstart, nbefore + nwanted, horizon, nrow), but for columns that `told` (nstart, nwanted) lacks: zeros, or nothing
+  uint8_t *told;
+};
+
 constexpr int kEdges = 10;  // of a pyramid of friction, at most (edges.hpp)
 
 // What a physics step asks of its contacts, limits last, as arrays over all candidates, nrow = rows_a_contact ncontact + nlimit;
@@ -269,6 +282,7 @@ struct Backend {  // one per instruction set
   void (*forward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*backward)(const Model&, const Options&, const Batch&, const int64_t* elements, int64_t begin, int64_t end, StepMemory&);
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, int64_t begin, int64_t end, StepMemory&);
+  void (*windows)(const Model&, const Options&, const WindowBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* length, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*bodies)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);

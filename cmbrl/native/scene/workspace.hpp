@@ -257,6 +257,9 @@ struct Work : SolverWork<G> {
   T *qtan, *shift;                         // position correction of impacts at their time, integration scratch
   T* eased;                                // what the damping in M~ acts on where the derivative looks at M~ shift
   T *tq, *tv, *rhs_all;                     // tangents carried through substeps (nv x ncol)
+  int nbefore;                             // their columns before those of parameters: (q, v, u) of a control step
+  const T* driven; int ndriven;            // or some of a window, of which the first ones move controls so (nu x ndriven)
+  int64_t most_tangents;                   // columns that they may have
   T *tangent_block, *gathered;             // some columns of them
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents
   Vec<G::N>* Y;
@@ -313,7 +316,7 @@ struct Work : SolverWork<G> {
     if (closing < 2 * m.nv) closing = 2 * m.nv;
     carve(memory->rows, [&](Arena& A) {
       this->take_state(A, m.nv, this->ncon, this->nlim, this->ndry);
-      Z = Gq ? A.take<T>(closing * (2 * m.nv + m.nu + m.ntheta)) : nullptr;
+      Z = Gq ? A.take<T>(closing * most_tangents) : nullptr;
     });
   }
 
@@ -354,6 +357,7 @@ struct Work : SolverWork<G> {
     qtan = A.take<T>(nv); shift = A.take<T>(nv); leap = A.take<T>(nv); began = A.take<T>(m.nq);
     leapt = false;
     np = 0;
+    nbefore = 2 * m.nv + m.nu; driven = nullptr; most_tangents = ncol;
     column = A.take<int>(m.ntheta); parameter = A.take<int>(m.ntheta);
     if (purpose == Purpose::step) { Gq = nullptr; return; }
     lim_on = A.take<Mask>(m.nlimit);

@@ -56,6 +56,9 @@ static void more_columns(const Model& m, Work<G>& w) {
 template <class G>
 static int columns_of_step(const Model& m, const Work<G>& w) { return 2 * m.nv + m.nu + w.np; }
 
+template <class G>
+static int tangent_columns(const Work<G>& w) { return w.nbefore + w.np; }
+
 // Rows of `from` numbers become rows of `to`, with zeros behind.
 static inline void widen(T* A, int rows, int from, int to) {
   if (from == to) return;

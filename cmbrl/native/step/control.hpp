@@ -26,6 +26,22 @@ static Recorded solve_backward(const Model& m, const Options& o, Work<G>& w) {
 // dx = q dq + v dv + u du + p dtheta; q, v: with a pattern, or full.
 struct Slopes { const T *q, *v, *u, *p; const Pattern* pattern; };
 
+// What columns c to c + n move besides the state: parameters, and controls.
+template <int n, class G>
+static void add_own(const Model& m, const Work<G>& w, const Slopes& s, int c, T* out) {
+  int input = c - (w.nbefore - m.nu), parameter = c - w.nbefore;
+  for (int i = 0; parameter + n > 0 && i < m.nv; ++i)
+    for (int j = parameter < 0 ? -parameter : 0; j < n; ++j) out[i * n + j] += s.p[i * w.np + parameter + j];
+  if (!w.driven) {
+    for (int i = 0; input + n > 0 && i < m.nv; ++i)
+      for (int j = input < 0 ? -input : 0; j < n && parameter + j < 0; ++j) out[i * n + j] += s.u[i * m.nu + input + j];
+    return;
+  }
+  for (int i = 0; c < w.ndriven && i < m.nv; ++i)
+    for (int k = 0; k < m.nu; ++k)
+      for (int j = 0; j < n && c + j < w.ndriven; ++j) out[i * n + j] += s.u[i * m.nu + k] * w.driven[k * w.ndriven + c + j];
+}
+
 // Columns c to c + n of dx by the tangents before the step, into out (nv x n). They are gathered first: rows of all columns lie
 // far apart, and would drive each other out of the nearest cache.
 template <int n, class G>
@@ -54,12 +70,7 @@ static void carried(const Model& m, const Work<G>& w, const Slopes& s, int c, in
     }
     CMBRL_FOR(j, n) out[i * n + j] = sum[j];
   }
-  int input = c - 2 * nv, parameter = input - m.nu;
-  for (int i = 0; input + n > 0 && i < nv; ++i)
-    CMBRL_FOR(j, n) {
-      if (parameter + j >= 0) out[i * n + j] += s.p[i * w.np + parameter + j];
-      else if (input + j >= 0) out[i * n + j] += s.u[i * m.nu + input + j];
-    }
+  add_own<n>(m, w, s, c, out);
 }
 template <class G>
 static void carry_tangents(const Model& m, const Work<G>& w, const Slopes& s, T* out, int ncol) {
@@ -229,25 +240,32 @@ static StepStats control_step(const Model& m, const Options& o, Work<G>& w, Reco
   return st;
 }
 
-// The same with d(q, v)/d(q, v, u, theta) in tq, tv (nv x columns_of_step); record leaves the rows solved at the backward smoothing.
+// The same with tangents of (q, v) in tq, tv (nv x tangent_columns); record leaves the rows solved at the backward smoothing.
+// unit: they are the identity.
 template <class G, class Record>
-static StepStats control_step_jacobian(const Model& m, const Options& o, Work<G>& w, Record record) {
-  first_columns(m, w);
-  int nv = m.nv, ncol = columns_of_step(m, w);
-  for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
-  for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
+static StepStats control_step_tangents(const Model& m, const Options& o, Work<G>& w, bool unit, Record record) {
+  int nv = m.nv, ncol = tangent_columns(w);
   if (o.leapfrog) { scaled(m, w.v, 0.5 * o.h, w.qtan); push_tangent(m, w.qtan, w.tq, w.tv, splat(0.5 * o.h), ncol); }
   StepStats st = control_step(m, o, w, [&](int s, Mask stepped) {
     Recorded solved = record(s, stepped);
     implicit_system(m, o, w);
-    widen(w.tq, nv, ncol, columns_of_step(m, w));
-    widen(w.tv, nv, ncol, columns_of_step(m, w));
-    ncol = columns_of_step(m, w);
-    advance_tangents(m, o, w, ncol, s == 0);
+    widen(w.tq, nv, ncol, tangent_columns(w));
+    widen(w.tv, nv, ncol, tangent_columns(w));
+    ncol = tangent_columns(w);
+    advance_tangents(m, o, w, ncol, unit && s == 0);
     return solved;
   });
   if (o.leapfrog) push_tangent(m, w.qtan, w.tq, w.tv, splat(-0.5 * o.h), ncol);  // qtan: the shift just made
   return st;
+}
+
+// The tangents of a control step's start, by itself, its controls and parameters.
+template <class G>
+static void unit_tangents(const Model& m, Work<G>& w) {
+  first_columns(m, w);
+  int nv = m.nv, ncol = tangent_columns(w);
+  for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
+  for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
 }
 
 // Through dqtan = h dv' - S(...): lq, lu, lp take their parts, lv that of v'; that of v waits in tv.

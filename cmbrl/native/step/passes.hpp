@@ -39,8 +39,9 @@ static void forward_pack(const Model& m, const Options& o, const Batch& b, const
     return solved;
   };
   StepStats st{none(), none(), none(), T{}, T{}, T{}, T{}};
-  if (any(finite) && o.rk4) st = b.jacobian ? rk4_control_step_jacobian(m, o, w, record) : rk4_control_step(m, o, w, record);
-  else if (any(finite)) st = b.jacobian ? control_step_jacobian(m, o, w, record) : control_step(m, o, w, record);
+  if (b.jacobian) unit_tangents(m, w);
+  if (any(finite) && o.rk4) st = b.jacobian ? rk4_control_step_tangents(m, o, w, record) : rk4_control_step(m, o, w, record);
+  else if (any(finite)) st = b.jacobian ? control_step_tangents(m, o, w, true, record) : control_step(m, o, w, record);
   if (b.jacobian) {
     int64_t half = int64_t(nv) * ncol;
     int before = 2 * nv + m.nu;

@@ -58,15 +58,12 @@ static StepStats rk4_control_step(const Model& m, const Options& o, Work<G>& w, 
   return st;
 }
 
-// The same with d(q, v)/d(q, v, u, theta) in tq, tv, as in control_step_jacobian.
+// The same with tangents of (q, v) in tq, tv, as in control_step_tangents.
 template <class G, class Record>
-static StepStats rk4_control_step_jacobian(const Model& m, const Options& o, Work<G>& w, Record record) {
-  first_columns(m, w);
-  int nv = m.nv, ncol = columns_of_step(m, w);
+static StepStats rk4_control_step_tangents(const Model& m, const Options& o, Work<G>& w, Record record) {
+  int nv = m.nv, ncol = tangent_columns(w);
   StepStats st = no_stats();
-  Stages<G> s(m, w, 2 * int64_t(nv) + m.nu + m.ntheta);
-  for (int i = 0; i < nv * ncol; ++i) w.tq[i] = w.tv[i] = T{};
-  for (int i = 0; i < nv; ++i) w.tq[i * ncol + i] = w.tv[i * ncol + nv + i] = splat(1);
+  Stages<G> s(m, w, w.most_tangents);
   auto begin = [&] {
     std::memcpy(s.tq, w.tq, nv * ncol * sizeof(T));
     std::memcpy(s.tv, w.tv, nv * ncol * sizeof(T));
@@ -75,7 +72,7 @@ static StepStats rk4_control_step_jacobian(const Model& m, const Options& o, Wor
   auto solve_stage = [&](int k, Mask stepped) {  // rhs_all: the tangents of u
     Recorded solved = record(k, stepped);
     implicit_system(m, o, w);
-    int more = columns_of_step(m, w);
+    int more = tangent_columns(w);
     for (T* x : {w.tq, w.tv, s.tq, s.tv, s.sum_tv, s.sum_ta}) widen(x, nv, ncol, more);
     ncol = more;
     w.below_H.fill(pattern_of(m, w), nv);
