@@ -18,13 +18,12 @@ FAILURE_LOSS = 1e3  # added to a candidate's loss by a failed solve
 class Predicted:
     """Windows as they are predicted: q (S, horizon, nq) and v (S, horizon, nv) after each step, and their tangents.
 
-    ``begun`` (S, c, horizon, r): in the columns that the windows begin with; ``tangents`` (S, k, horizon, r): in
-    parameters. ``told`` (S, k): which of these are not zero throughout; what stands in the others is undefined.
+    ``tangents`` (S, c + t, horizon, r): in the c columns that the windows begin with, then in those parameters, of the
+    ones asked for, that are not idle throughout: ``told`` (t,).
     """
 
     q: np.ndarray
     v: np.ndarray
-    begun: np.ndarray
     tangents: np.ndarray
     told: np.ndarray
 
@@ -58,18 +57,18 @@ class LogWindows:
 
     def along(
         self, windows: Windows, theta: np.ndarray, columns: np.ndarray, begun: np.ndarray, driven: np.ndarray,
-        rows: np.ndarray,
+        rows: np.ndarray, units: np.ndarray,
     ) -> Predicted:  # fmt: skip
         """The windows at parameters theta (np,), with derivatives of those ``rows`` (r,) of their states (q, v).
 
         By the parameters ``columns`` (k,), and by columns of one's own: ``begun`` (2 nv, c) says how they move the
-        starts, and ``driven`` (N, nu, d) how the first d of them move the controls of the log's rows. Tangent space
-        for q. Raises UserError for arrays that do not fit; a window is NaN from where its state is no longer finite.
+        starts, and ``driven`` (N, nu, d) how the last d of them move the controls of the log's rows. Tangent space
+        for q, in ``units`` (1, r) or (S, r). Raises UserError for arrays that do not fit; a window is NaN from where
+        its state is no longer finite.
         """
         q, v = (np.ascontiguousarray(x) for x in windows.begin(self.scene))
         found = self.stepper.core.windows(
             q, v, windows.data.u, windows.starts, windows.horizon, real_array(theta, "theta"), columns, begun, driven,
-            rows, self.stepper.options, self.stepper.threads,
+            rows, np.ascontiguousarray(units), self.stepper.options, self.stepper.threads,
         )  # fmt: skip
-        begins, tangents = np.split(found["tangents"], [begun.shape[1]], axis=1)
-        return Predicted(found["q_next"], found["v_next"], begins, tangents, found["told"].astype(bool))
+        return Predicted(found["q_next"], found["v_next"], found["tangents"], found["told"])

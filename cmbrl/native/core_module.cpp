@@ -2,6 +2,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cstdio>
 #include <cstring>
 #include <memory>
@@ -150,10 +151,11 @@ class Core {
     return nb::cast(out);
   }
 
-  // Predictions from q, v (S, ...) under the rows of u from `starts` on, and their tangents: of those `begun` (2 nv, c), of which the first
-  // columns move controls by `driven` (N, nu, d), and of the parameters `columns`; those `rows` (r,) of them that are asked for.
+  // Predictions from q, v (S, ...) under the rows of u from `starts` on, and their tangents: of those `begun` (2 nv, c), of which the last
+  // columns move controls by `driven` (N, nu, d), and of the parameters `columns` that are not idle throughout, `told`; those `rows` (r,)
+  // of them that are asked for, in `units` (1 or S, r).
   nb::dict windows(Array q, Array v, Array u, Index starts, int horizon, Array theta, Index columns, Array begun, Array driven,
-                   Index rows, nb::dict options, int threads) {
+                   Index rows, Array units, nb::dict options, int threads) {
     const Model& m = data_->model;
     Options o = settings(options);
     int64_t count = int64_t(starts.size()), log = int64_t(u.ndim() ? u.shape(0) : 0);
@@ -161,6 +163,7 @@ class Core {
     check(begun, "begun", {2 * m.nv, -1}); check(driven, "driven", {log, m.nu, -1});
     check_windows(starts, horizon, log);
     check_limits(theta.data(), 1);
+    check(units, "units", {units.ndim() == 2 && units.shape(0) == 1 ? 1 : count, int64_t(rows.size())});
     if (driven.shape(2) > begun.shape(1)) refuse("more columns move controls than there are; give a tangent for each");
     for (size_t i = 0; i < rows.size(); ++i)
       if (rows.data()[i] < 0 || rows.data()[i] >= 2 * m.nv) refuse("row " + std::to_string(rows.data()[i]) + " of " + std::to_string(2 * m.nv));
@@ -169,13 +172,18 @@ class Core {
     WindowBatch b{count, horizon, q.data(), v.data(), u.data(), theta.data(), starts.data(), wanted.wanted, int64_t(begun.shape(1)),
                   int64_t(driven.shape(2)), wanted.nwanted, int64_t(rows.size()), begun.data(), driven.data(), rows.data(),
                   nullptr, nullptr, nullptr, nullptr};
-    size_t n = count, steps = horizon;
+    size_t n = count, steps = horizon, all = size_t(b.nbefore + b.nwanted);
     nb::dict out;
     out["q_next"] = make_array<double>({n, steps, size_t(m.nq)}, &b.q_next);
     out["v_next"] = make_array<double>({n, steps, size_t(m.nv)}, &b.v_next);
-    out["tangents"] = make_array<double>({n, size_t(b.nbefore + b.nwanted), steps, size_t(b.nrow)}, &b.tangents);
-    out["told"] = make_array<uint8_t>({n, size_t(b.nwanted)}, &b.told);
+    std::vector<uint8_t> told(n * b.nwanted);
+    b.told = told.data();
+    nb::capsule owner = take_block(bytes_of_array<double>({n, all, steps, size_t(b.nrow)}), &b.tangents);
     run(count, threads, Purpose::product, [&](const Backend& backend, int64_t s, int64_t e, StepMemory& w) { backend.windows(m, o, b, s, e, w); });
+    std::vector<int64_t> columns_told = told_columns(b);
+    keep_told(b, columns_told, units);
+    out["told"] = copied(columns_told);
+    out["tangents"] = nb::ndarray<nb::numpy, double>(b.tangents, {n, b.nbefore + columns_told.size(), steps, size_t(b.nrow)}, owner);
     return out;
   }
 
@@ -292,6 +300,37 @@ class Core {
     return bodies;
   }
 
+  static std::vector<int64_t> told_columns(const WindowBatch& b) {  // in some window
+    std::vector<int64_t> told;
+    for (int64_t k = 0; k < b.nwanted; ++k)
+      for (int64_t s = 0; s < b.nstart; ++s)
+        if (b.told[s * b.nwanted + k]) { told.push_back(k); break; }
+    return told;
+  }
+  // Moves them together, each to a place before its own, in units of their rows.
+  static void keep_told(const WindowBatch& b, const std::vector<int64_t>& told, const Array& units) {
+    int64_t size = b.horizon * b.nrow;
+    double* to = b.tangents;
+    std::vector<double> scale(b.nrow);
+    for (int64_t s = 0; s < b.nstart; ++s) {
+      const double* unit = units.data() + (units.shape(0) == 1 ? 0 : s * b.nrow);
+      for (int64_t r = 0; r < b.nrow; ++r) scale[r] = 1 / unit[r];
+      for (int64_t c = 0; c < b.nbefore + int64_t(told.size()); ++c, to += size) {
+        int64_t k = c < b.nbefore ? -1 : told[c - b.nbefore];
+        const double* from = b.tangents + (s * (b.nbefore + b.nwanted) + (k < 0 ? c : b.nbefore + k)) * size;
+        if (k >= 0 && !b.told[s * b.nwanted + k]) std::memset(to, 0, size * sizeof(double));
+        else
+          for (int64_t i = 0; i < size; i += b.nrow)
+            for (int64_t r = 0; r < b.nrow; ++r) to[i + r] = scale[r] * from[i + r];
+      }
+    }
+  }
+  static nb::object copied(const std::vector<int64_t>& numbers) {
+    int64_t* data;
+    auto out = make_array<int64_t>({numbers.size()}, &data);
+    std::copy(numbers.begin(), numbers.end(), data);
+    return nb::cast(out);
+  }
   static void check_windows(const Index& starts, int horizon, int64_t rows) {
     if (horizon < 1) refuse("horizon is " + std::to_string(horizon) + "; give at least 1");
     for (size_t i = 0; i < starts.size(); ++i)
@@ -377,7 +416,7 @@ void bind_core(nb::module_& module) {
       .def("loss", &Core::loss, "q"_a, "v"_a, "u"_a, "q_next"_a, "v_next"_a, "starts"_a, "horizon"_a, "theta"_a, "scale_q"_a,
            "scale_v"_a, "huber"_a, "fail_penalty"_a, "options"_a, "threads"_a = 1)
       .def("windows", &Core::windows, "q"_a, "v"_a, "u"_a, "starts"_a, "horizon"_a, "theta"_a, "columns"_a, "begun"_a, "driven"_a,
-           "rows"_a, "options"_a, "threads"_a = 1)
+           "rows"_a, "units"_a, "options"_a, "threads"_a = 1)
       .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a,
            "contacts"_a = true)
       .def("gaps", &Core::gaps, "q"_a)

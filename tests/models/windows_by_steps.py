@@ -12,7 +12,7 @@ from cmbrl.models.windows import Windows
 
 def along_by_steps(
     model: Any, windows: Windows, theta: np.ndarray, columns: np.ndarray, begun: np.ndarray, driven: np.ndarray,
-    rows: np.ndarray,
+    rows: np.ndarray, units: np.ndarray,
 ) -> Predicted:  # fmt: skip
     """As ``LogWindows.along``, of any model with ``predict``."""
     (q, v), states, starts = windows.begin(model.scene), 2 * model.scene.nv, windows.starts
@@ -24,12 +24,13 @@ def along_by_steps(
         step = model.predict(q, v, windows.data.u[starts + j], theta, jacobian=True, parameter_jacobian=columns)
         by_state, by_input, by_theta = np.split(step.jacobian, [states, states + driven.shape[1]], axis=2)
         tangent = by_state @ tangent
-        tangent[:, :, :of_log] += by_input @ driven[starts + j]
+        tangent[:, :, own - of_log : own] += by_input @ driven[starts + j]
         tangent[:, :, own:] += by_theta
         q, v = step.q_next, step.v_next
         places.append(q)
         speeds.append(v)
         tangents.append(tangent[:, rows])
     found = np.moveaxis(np.stack(tangents, axis=1), -1, 1)
-    told = (found[:, own:] != 0.0).any(axis=(2, 3))
-    return Predicted(np.stack(places, axis=1), np.stack(speeds, axis=1), found[:, :own], found[:, own:], told)
+    told = np.flatnonzero((found[:, own:] != 0.0).any(axis=(0, 2, 3)))
+    kept = np.append(np.arange(own), own + told)
+    return Predicted(np.stack(places, axis=1), np.stack(speeds, axis=1), found[:, kept] / units[:, None, None], told)

@@ -51,30 +51,27 @@ class Lineariser:
         none = np.zeros((*self.seen.data.u.shape, 0))
         driven = observation.controls(data, psi, rows)[1][:, :, own] if len(own) else none
         self.driven = np.ascontiguousarray(driven)
-        self.begun = np.hstack([self.bias, np.eye(2 * nv)[:, windows.scales.uncertain]])
+        self.uncertain = len(windows.scales.uncertain)
+        self.begun = np.hstack([np.eye(2 * nv)[:, windows.scales.uncertain], self.bias])
 
     def at(self, part: slice = slice(None)) -> Linearised:
         """Those windows in ``part``."""
         counts, own = self.windows.scales.counts, len(self.of_log)
         units = self.windows.units[part if self.windows.own else slice(None)][:, counts]
         found = self.model.along(
-            self.seen.some(part), self.physical, self.of_model, self.begun, self.driven, np.flatnonzero(counts)
+            self.seen.some(part), self.physical, self.of_model, self.begun, self.driven, np.flatnonzero(counts), units
         )
-        touched = np.flatnonzero(found.told.any(axis=0))
-        told = np.union1d(touched, self.of_log)
-        of_model, of_log = np.searchsorted(told, touched), np.searchsorted(told, self.of_log)
-        jacobian = np.empty((len(found.q), len(told), *found.tangents.shape[2:]))
-        jacobian[:, of_log] = 0.0
-        jacobian[:, of_model] = found.tangents[:, touched]
-        for k, idle in zip(of_model, ~found.told[:, touched].T, strict=True):
-            jacobian[idle, k] = 0.0
+        jacobian, told = found.tangents[:, self.uncertain :], np.concatenate([self.of_log, found.told])
         # The tangent of the prediction replaces that of the difference; they are equal for small rotation errors.
-        jacobian[:, of_log] += found.begun[:, :own] - self.bias[counts].T[:, None]
-        jacobian /= units[:, None, None]
-        slope = np.moveaxis(found.begun[:, own:], 1, -1) / units[:, None, :, None]
+        jacobian[:, :own] -= (self.bias[counts].T / units[:, None])[:, :, None]
+        if twice := np.flatnonzero(np.isin(self.of_log, found.told)).tolist():  # of activations, and of steps
+            for k in twice:
+                jacobian[:, own + int(np.flatnonzero(found.told == self.of_log[k])[0])] += jacobian[:, k]
+            jacobian, told = np.delete(jacobian, twice, axis=1), np.delete(told, twice)
+        slope = np.moveaxis(found.tangents[:, : self.uncertain], 1, -1)
         residual = (self._off(found, part)[:, :, counts] / units[:, None]).reshape(len(jacobian), -1)
         jacobian = jacobian.reshape(*jacobian.shape[:2], residual.shape[1])
-        return Linearised(residual, jacobian, told, slope.reshape(*residual.shape, slope.shape[-1]))
+        return Linearised(residual, jacobian, told, slope.reshape(*residual.shape, self.uncertain))
 
     def _off(self, found: Predicted, part: slice) -> np.ndarray:
         """Predicted less logged states (s, steps, 2 nv)."""

@@ -47,10 +47,17 @@ def add_squares(matrix: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> No
     coordinate has together are formed.
     """
     supports, part = np.unique((rows != 0.0).any(axis=(0, 2)), axis=1, return_inverse=True)  # columns by coordinate
-    for k, told in enumerate(supports.T):
-        some = rows[:, told][..., part.ravel() == k] if supports.shape[1] > 1 else rows[:, told]
-        flat = np.moveaxis(some, 1, 0).reshape(int(told.sum()), some.size // max(1, int(told.sum())))
-        matrix[np.ix_(columns[told], columns[told])] += flat @ flat.T
+    for k, support in enumerate(supports.T):
+        told, own = np.flatnonzero(support), np.flatnonzero(part.ravel() == k)
+        place = np.ix_(columns[told], columns[told])
+        for window in rows:
+            some = (
+                window[told]
+                if supports.shape[1] == 1
+                else window[told[:, None, None], np.arange(window.shape[1])[:, None], own]
+            )
+            flat = some.reshape(len(told), window.shape[1] * len(own))
+            matrix[place] += flat @ flat.T
 
 
 def without(root: np.ndarray, silent: np.ndarray) -> np.ndarray:

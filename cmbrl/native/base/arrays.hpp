@@ -27,15 +27,18 @@ size_t bytes_of_array(std::initializer_list<size_t> shape) {
 }
 
 template <class X>
-auto make_array(std::initializer_list<size_t> shape, X** data) {  // not initialised
-  size_t bytes = bytes_of_array<X>(shape);
+nb::capsule take_block(size_t bytes, X** data) {  // not initialised; given back with the capsule
   auto* block = new Block{Buffers::take(bytes), bytes};
   *data = static_cast<X*>(block->data);
-  nb::capsule owner(block, [](void* p) noexcept {
+  return nb::capsule(block, [](void* p) noexcept {
     auto* b = static_cast<Block*>(p);
     Buffers::give_back(b->data, b->bytes);
     delete b;
   });
+}
+template <class X>
+auto make_array(std::initializer_list<size_t> shape, X** data) {
+  nb::capsule owner = take_block(bytes_of_array<X>(shape), data);
   return nb::ndarray<nb::numpy, X>(*data, shape, owner);
 }
 

@@ -240,7 +240,7 @@ struct LossBatch {  // mean Huber loss of open-loop predictions, candidate by ca
   double *loss;  // (ncandidate, nstart): summed over steps and coordinates; the caller averages in order
 };
 
-struct WindowBatch {  // open-loop predictions and their derivatives: by columns that are given, of which the first ones move controls, and parameters
+struct WindowBatch {  // open-loop predictions and their derivatives: by columns that are given, of which the last ones move controls, and parameters
   int64_t nstart;
   int horizon;
   const double *q, *v, *u, *theta;  // where windows start (nstart, ...), controls of the log's rows, one parameter vector

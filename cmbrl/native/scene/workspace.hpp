@@ -258,7 +258,7 @@ struct Work : SolverWork<G> {
   T* eased;                                // what the damping in M~ acts on where the derivative looks at M~ shift
   T *tq, *tv, *rhs_all;                     // tangents carried through substeps (nv x ncol)
   int nbefore;                             // their columns before those of parameters: (q, v, u) of a control step
-  const T* driven; int ndriven;            // or some of a window, of which the first ones move controls so (nu x ndriven)
+  const T* driven; int ndriven;            // or some of a window, of which the last ones move controls so (nu x ndriven)
   int64_t most_tangents;                   // columns that they may have
   T *tangent_block, *gathered;             // some columns of them
   T *lq, *lv, *lu, *lp, *pvec;             // cotangents

@@ -37,9 +37,11 @@ static void add_own(const Model& m, const Work<G>& w, const Slopes& s, int c, T*
       for (int j = input < 0 ? -input : 0; j < n && parameter + j < 0; ++j) out[i * n + j] += s.u[i * m.nu + input + j];
     return;
   }
-  for (int i = 0; c < w.ndriven && i < m.nv; ++i)
+  input = c - (w.nbefore - w.ndriven);
+  for (int i = 0; input + n > 0 && parameter < 0 && i < m.nv; ++i)
     for (int k = 0; k < m.nu; ++k)
-      for (int j = 0; j < n && c + j < w.ndriven; ++j) out[i * n + j] += s.u[i * m.nu + k] * w.driven[k * w.ndriven + c + j];
+      for (int j = input < 0 ? -input : 0; j < n && parameter + j < 0; ++j)
+        out[i * n + j] += s.u[i * m.nu + k] * w.driven[k * w.ndriven + input + j];
 }
 
 // Columns c to c + n of dx by the tangents before the step, into out (nv x n). They are gathered first: rows of all columns lie
