@@ -166,7 +166,8 @@ def run(arguments: argparse.Namespace) -> int:
     import torch
 
     from cmbrl.envs.trials import foretold, unlearned
-    from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun, commands_text, progress_text
+    from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun
+    from cmbrl.train.run_texts import commands_text, progress_text
     from cmbrl.train.trainer import Diverged
 
     torch.set_num_threads(1)  # the nets are small, and results must not depend on the number of threads

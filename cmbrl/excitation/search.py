@@ -23,6 +23,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.excitation.commands import Ranges, Tones, joint_limits
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.fitting.search.loss_values import ALIKE
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.windows import Scales
@@ -173,7 +174,7 @@ def _gain(model: ComplementarityModel, q: np.ndarray, commands: np.ndarray, serv
         evidence = Evidence.of(model, data)
     except UserError:  # whose motion looks as if columns were swapped, say
         return NOTHING
-    horizon = min(evidence.horizons("auto"))
+    horizon = min(horizons_of(evidence, "auto"))
     scales = Scales(np.full(scene.nv, NOISE_Q), np.full(scene.nv, np.inf if servo else NOISE_V), huber=1e6)
     loss = evidence.loss(np.arange(0, len(evidence.log) - horizon + 1, horizon), horizon, scales)
     told = evidence.space.default

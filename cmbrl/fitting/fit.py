@@ -24,6 +24,7 @@ from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.course import SEARCHES, Course
 from cmbrl.fitting.log.columns import ColumnsCheck
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.fitting.log.noise import sensor_noise
 from cmbrl.fitting.log.rate import RateCheck
 from cmbrl.fitting.outcome.report import conclude
@@ -97,7 +98,7 @@ def fit(
     evidence = replace(evidence, noisy=_noisy(evidence))
     huber = real(huber, "huber", above=0.0, most=1e6)
     log, space = evidence.log, evidence.space
-    seed, horizons = whole(seed, "seed", least=0), evidence.horizons(horizon)
+    seed, horizons = whole(seed, "seed", least=0), horizons_of(evidence, horizon)
     usual = Budget.of(evidence.compared, evidence.noisy, max(horizons))
     budget = budget or replace(usual, horizons=len(horizons))
     time_limit = None if time_limit is None else real(time_limit, "time_limit", least=0.0)

@@ -20,6 +20,7 @@ import numpy as np
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import judged_over
 from cmbrl.fitting.log.judge import judged_rows
 from cmbrl.fitting.log.sliding import rivals
 from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
@@ -131,7 +132,7 @@ class Plan:
         states, begin = not evidence.positions_only, bool(begins(evidence.space, movable).any())
         others, floats = len(rivals(evidence)), len(adrift(evidence, min(horizons))) > 0
         rows, logs = len(evidence.log), len(evidence.names)
-        judged = evidence.judged_over
+        judged = judged_over(evidence)
         return cls(rows, horizons, judged, folds, begin, chooses, adds, searches, others, states, floats, logs)
 
     def costs(self, b: Budget, speed: Speed, share: float) -> dict[str, float]:

@@ -11,11 +11,8 @@ import io
 import json
 import math
 import os
-import signal
-import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,9 +24,11 @@ from cmbrl.errors import UserError
 from cmbrl.files import make_folder, write_bytes, write_json
 from cmbrl.train.checkpoint import load_state, save_state
 from cmbrl.train.clock import RunClock
+from cmbrl.train.interruption import interruptible
 from cmbrl.train.metrics import MetricsLog, Row, as_csv, from_csv
 from cmbrl.train.metrics_plot import plot_metrics
 from cmbrl.train.policy_file import save_policy
+from cmbrl.train.run_texts import progress_text
 from cmbrl.train.trainer import Diverged, Trainer
 
 CHECKPOINT, RESULT, PLOT, DIVERGED = "checkpoint.safetensors", "train.json", "metrics.png", "diverged.npz"
@@ -101,7 +100,7 @@ class TrainingRun:
         saved = time.monotonic()
         log = MetricsLog(self.folder, self._rows)
         try:
-            with _interruptible() as interrupted:
+            with interruptible() as interrupted:
                 while not (self._done(iterations) or interrupted()):
                     if progress is not None and self.trainer.ahead:
                         progress(self.iteration / (iterations + self.trainer.further), self.trainer.ahead)
@@ -199,70 +198,3 @@ class TrainingRun:
             title = ", ".join(f"{name} {value}" for name, value in self.about.items())
             plot_metrics(log.rows, self.folder / PLOT, title)
         return Outcome(stopped, self.iteration, self.clock.seconds, last, trials)
-
-
-def commands_text(told: Mapping[str, Any]) -> str:
-    """What a run's ``commands`` are, in words.
-
-    >>> commands_text({"delay": 0.016, "lag": 0.02, "last_actions": 5})
-    'commands 16 ms late with a lag of 20 ms, as in the model; the policy observes its last 5 actions'
-    """
-    late = f"commands {1e3 * told['delay']:.3g} ms late with a lag of {1e3 * told['lag']:.3g} ms, as in the model"
-    count = told["last_actions"]
-    seen = (
-        f"the policy observes its last {count} actions" if count else "too short for the policy to observe any action"
-    )
-    return f"{late}; {seen}"
-
-
-def progress_text(row: Mapping[str, float]) -> str:
-    """A row in a few words: return, gradient norm and variance, steps, seconds, as far as they were measured.
-
-    >>> progress_text({"return": 312.4, "gradient_norm": 0.71, "steps": 204800, "seconds": 12.3})
-    'return 312.4, gradient 0.71, 205k model steps, 12 s'
-    """
-    parts = [f"return {row['return']:.4g}"] if "return" in row else []
-    if "gradient_norm" in row:
-        variance = f" (variance {row['gradient_variance']:.2g})" if "gradient_variance" in row else ""
-        parts.append(f"gradient {row['gradient_norm']:.2g}{variance}")
-    if row.get("transitions"):
-        parts.append(f"{_short(row['transitions'])} real steps")
-    if row.get("steps"):
-        parts.append(f"{_short(row['steps'])} model steps")
-    return ", ".join([*parts, f"{row['seconds']:.0f} s"])
-
-
-def _short(count: float) -> str:
-    """A count in at most four characters and a unit."""
-    for size, unit in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if count >= size:
-            return f"{count / size:.3g}{unit}"
-    return f"{count:.0f}"
-
-
-@contextmanager
-def _interruptible() -> Iterator[Callable[[], bool]]:
-    """Gives a function that tells whether Ctrl-C was pressed; a second Ctrl-C interrupts at once.
-
-    The current update finishes first, so that no checkpoint holds a half-updated trainer.
-    """
-    asked = False
-
-    def ask(*_: object) -> None:
-        nonlocal asked
-        if asked:
-            raise KeyboardInterrupt
-        asked = True
-        print(
-            "\ncmbrl: stopping after this iteration (Ctrl-C again: at once, from the last checkpoint)", file=sys.stderr
-        )
-
-    try:
-        previous = signal.signal(signal.SIGINT, ask)
-    except ValueError:  # not in the main thread, where Ctrl-C arrives
-        yield lambda: False
-        return
-    try:
-        yield lambda: asked
-    finally:
-        signal.signal(signal.SIGINT, previous)

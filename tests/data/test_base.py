@@ -18,6 +18,7 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.data.smoothing import smooth_rotations
 from cmbrl.errors import UserError
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.scene import Scene
 from cmbrl.scene.manifold import quaternion_product, rotate_by, rotation_between
 
@@ -198,7 +199,7 @@ def test_a_log_of_base_and_joints_is_kept_and_predicted(walk):
     np.testing.assert_array_equal(again.select(slice(10, 50)).base, again.base[10:50])
     evidence = Evidence.of(cmbrl.ComplementarityModel(walk["scene"]), again)
     assert evidence.positions_only
-    horizon = min(evidence.horizons("auto"))
+    horizon = min(horizons_of(evidence, "auto"))
     loss = evidence.loss(evidence.log.windows(horizon)[::40], horizon, *evidence.scales(horizon, 0.5))
     assert loss.errors(evidence.space.nominal).rmse < 0.25  # of the change over so many steps
 

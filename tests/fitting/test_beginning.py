@@ -10,7 +10,8 @@ import pytest
 import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.budget import Budget
-from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import LEAST_WINDOWS, horizons_of
 from cmbrl.fitting.search.beginning import beginning
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.state import Journal
@@ -35,7 +36,7 @@ def log() -> PositionLog:
 
 def _begin(file: str, log: PositionLog) -> tuple[Evidence, np.ndarray]:
     evidence = Evidence.of(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(file)), log)
-    steps = evidence.horizons("auto")[0]
+    steps = horizons_of(evidence, "auto")[0]
     loss = evidence.loss(draw_starts(evidence.log, steps, 1000, 0), steps, *evidence.scales(steps, 0.5))
     return evidence, beginning(loss, evidence.space, evidence.space.default, Journal(None, ""))
 
@@ -63,8 +64,8 @@ def test_a_short_log_of_positions_is_compared_over_fewer_steps(log: PositionLog)
     """A second at 100 Hz has no six parts of half a second to hold out; such a log was refused."""
     model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(GEARED))
     short = replace(log, time=log.time[:100], position=log.position[:100], command=log.command[:100], episode=None)
-    assert Evidence.of(model, log).horizons("auto") == (50,)
+    assert horizons_of(Evidence.of(model, log), "auto") == (50,)
     evidence = Evidence.of(model, short)
-    (steps,) = evidence.horizons("auto")
+    (steps,) = horizons_of(evidence, "auto")
     assert 1 < steps < 20
     assert len(windows_in_blocks(evidence.log, steps)) >= LEAST_WINDOWS

@@ -14,6 +14,7 @@ from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting import Budget
 from cmbrl.fitting.choice.drives import GAP, LIMIT, levels, rubbing, scanned, without_unneeded
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.scene import Scene
 from cmbrl.scene.writing.fitted_file import fitted_file
@@ -80,7 +81,7 @@ def test_what_the_motor_gives_comes_back(most: float, fade: float, size: float, 
 def test_a_scan_finds_who_is_limited(tmp_path: Path) -> None:
     """From a model whose friction is about right, without any derivative."""
     evidence = Evidence.of(nominal(tmp_path), record(1.4, 0.0, 0.25))
-    space, (steps,) = evidence.space, evidence.horizons("auto")
+    space, (steps,) = evidence.space, horizons_of(evidence, "auto")
     loss = evidence.loss(draw_starts(evidence.log, steps, 2000, 0), steps, *evidence.scales(steps, 0.5))
     theta, place = space.nominal.copy(), {name: k for k, name in enumerate(space.names)}
     theta[[place[f"{group}.{joint}"] for group in ("frictionloss", "damping") for joint in ("hip", "knee")]] = 0.2
@@ -115,7 +116,7 @@ def test_a_gap_comes_out_of_the_friction_that_has_made_up_for_it(tmp_path: Path)
     """A dead band costs kp times its half in motion."""
     gap = 0.03
     evidence = Evidence.of(nominal(tmp_path), record_gap(gap))
-    space, (steps,) = evidence.space, evidence.horizons("auto")
+    space, (steps,) = evidence.space, horizons_of(evidence, "auto")
     loss = evidence.loss(draw_starts(evidence.log, steps, 1500, 0), steps, *evidence.scales(steps, 0.5))
     theta, place = space.nominal.copy(), {name: k for k, name in enumerate(space.names)}
     rubs = [place[f"frictionloss.{joint}"] for joint in ("hip", "knee")]

@@ -11,6 +11,7 @@ import pytest
 import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.fitting.log.rate import RateCheck
 
 from .arm_log import followed
@@ -30,7 +31,7 @@ def log() -> PositionLog:
 
 def _check(file: str, log: PositionLog) -> RateCheck:
     evidence = Evidence.of(cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(file)), log)
-    return RateCheck(evidence, evidence.horizons("auto")[0], 0.5, 0)
+    return RateCheck(evidence, horizons_of(evidence, "auto")[0], 0.5, 0)
 
 
 @pytest.mark.parametrize(("factor", "told"), [(2.0, "0.02 s .* as if it were 0.01 s"), (0.5, "0.005 s .* were 0.01 s")])

@@ -11,7 +11,8 @@ import pytest
 
 import cmbrl
 from cmbrl.data.position_log import PositionLog
-from cmbrl.fitting.log.evidence import HORIZONS, Evidence
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import HORIZONS, horizons_of
 from cmbrl.fitting.log.surveyed import best_horizon
 
 PENDULUM = """<mujoco><option timestep=".002" integrator="implicitfast"/><worldbody><body pos="0 0 1"><joint name="j"
@@ -46,10 +47,10 @@ def test_a_noisy_log_in_short_steps_is_compared_further_ahead(log: cmbrl.Transit
     (tmp_path / "pendulum.xml").write_text(FILE)
     model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(tmp_path / "pendulum.xml"))
     evidence = Evidence.of(model, log)
-    assert evidence.horizons("auto") == HORIZONS
+    assert horizons_of(evidence, "auto") == HORIZONS
     noisy = replace(evidence, noisy=True)
-    assert noisy.horizons("auto") == (*HORIZONS, 50, 100)
-    assert noisy.horizons(4) == (4,)
+    assert horizons_of(noisy, "auto") == (*HORIZONS, 50, 100)
+    assert horizons_of(noisy, 4) == (4,)
     result = cmbrl.fit(model, log)
     assert result.report["horizon"] == 100
     assert not result.report["at_bound"]
@@ -71,7 +72,7 @@ def test_positions_under_torques_are_compared_no_further_than_the_file_follows(
         time=0.002 * np.arange(len(log)), position=log.q, command=log.u, joint_names=("j",), command_kind="torque"
     )
     model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(tmp_path / "pendulum.xml"))
-    assert Evidence.of(model, positions).horizons("auto") == (steps,)
+    assert horizons_of(Evidence.of(model, positions), "auto") == (steps,)
 
 
 def test_the_longest_of_the_long_horizons_that_are_about_as_good() -> None:

@@ -11,6 +11,7 @@ import pytest
 import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import horizons_of
 
 ROD = """<mujoco><option timestep=".005"/><worldbody><body pos="0 0 1"><joint name="j" axis="0 1 0" damping=".002"/>
 <geom type="capsule" size=".01" fromto="0 0 0 0 0 .06" mass=".3"/></body></worldbody><actuator>{}</actuator></mujoco>"""
@@ -45,7 +46,7 @@ def test_what_commands_do_not_hold_is_compared_over_fewer_steps(
     actuator: str, noise: float, least: int, most: int
 ) -> None:
     model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(ROD.format(actuator)))
-    (steps,) = Evidence.of(model, log_of(actuator, noise)).horizons("auto")
+    (steps,) = horizons_of(Evidence.of(model, log_of(actuator, noise)), "auto")
     assert least <= steps <= most
 
 
@@ -73,5 +74,5 @@ def test_a_body_on_wheels_is_compared_over_more_steps(joint: str, shape: str, ac
     seen = np.tile([0.0, 0.0, 0.02, 1.0, 0.0, 0.0, 0.0], (1600, 1))
     seen[:, :3] += 1e-4 * np.random.default_rng(1).normal(size=(1600, 3))
     log = replace(log, base=seen)
-    (steps,) = Evidence.of(model, log).horizons("auto")
+    (steps,) = horizons_of(Evidence.of(model, log), "auto")
     assert steps == expected

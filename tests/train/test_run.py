@@ -20,7 +20,8 @@ from cmbrl.train.metrics import read_metrics
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.policy_file import load_policy, save_policy
 from cmbrl.train.randomness import GlobalRandomness
-from cmbrl.train.run import CHECKPOINT, DIVERGED, RESULT, TrainingRun, progress_text
+from cmbrl.train.run import CHECKPOINT, DIVERGED, RESULT, TrainingRun
+from cmbrl.train.run_texts import progress_text
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Diverged, Trainer
 

@@ -19,7 +19,8 @@ from cmbrl.data.drive import law_of
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.log.doubts import MOST, Doubt, Misread, of_columns, of_turns
-from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import LEAST_WINDOWS, horizons_of
 from cmbrl.fitting.search.beginning import beginning
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.search.gauss_newton import reweighed
@@ -104,7 +105,7 @@ class ColumnsCheck:
     def _horizon(self) -> int | None:
         """Steps that predictions are compared over; None of a log that is too short."""
         if self.evidence.positions_only:
-            return self.evidence.horizons("auto")[0]
+            return horizons_of(self.evidence, "auto")[0]
         long = [h for h in range(_AHEAD, 1, -1) if len(windows_in_blocks(self.evidence.log, h)) >= LEAST_WINDOWS]
         return long[0] if long else None
 

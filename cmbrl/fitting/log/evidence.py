@@ -8,13 +8,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cmbrl.data.checks import LARGEST
-from cmbrl.data.position_log import PositionLog, free_joint
+from cmbrl.data.position_log import PositionLog
 from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.data.unlogged import unlogged
 from cmbrl.errors import UserError
-from cmbrl.fitting.log.straying import rolls, told_by_model, told_of_rolling
-from cmbrl.fitting.search.folds import windows_in_blocks
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
@@ -22,15 +20,9 @@ from cmbrl.models.following import followed
 from cmbrl.models.observation import BIAS, DELAY, LAG, Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.models.wiring import LEAST
-from cmbrl.numbers import whole
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Joint
 
-HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
-_LONGER, _NOISY_AHEAD = (50, 100, 200), 0.3  # of noisy logs besides; [s]: what is fast is over, and noise is small
-LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
-_POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
-_FLOATING_AHEAD, _ROLLING_AHEAD = 0.2, 0.4  # [s]
 _ASTRAY, _LEAST_ASTRAY = 0.3, 1e-6  # of its spread: how far what is followed may be off; [rad, m, rad/s, m/s]
 _HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
 
@@ -96,33 +88,6 @@ class Evidence:
             own[name] = getattr(self.log, name).copy()
             own[name][:, places] = getattr(found, name)[:, places]
         return replace(self, log=replace(self.log, **own))
-
-    def horizons(self, asked: int | str) -> tuple[int, ...]:
-        """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
-
-        Of positions, half a second: at one step, their changes are noise. Less of a body that floats, since nothing
-        pulls it back to where it should be, and of an arm whose torques do not (``straying``); and as much less as a
-        short log needs. Of noisy states in short steps, up to 0.3 s: 20 steps of 2 ms are noise, too.
-        """
-        if asked != "auto":
-            return (whole(asked, "horizon"),)
-        if not self.positions_only:
-            longer = (h for h in _LONGER if h * self.log.dt <= _NOISY_AHEAD)
-            return (*HORIZONS, *longer) if self.noisy else HORIZONS
-        floats = free_joint(self.model.scene) is not None
-        on_wheels = floats and rolls(self)
-        ahead = _ROLLING_AHEAD if on_wheels else _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
-        steps = range(round(ahead / self.log.dt), 1, -1)
-        told = (h for h in steps if len(windows_in_blocks(self.log, h)) >= LEAST_WINDOWS)
-        longest = next(told, 1)
-        if on_wheels:
-            return (told_of_rolling(self, longest),)
-        return (longest if floats else told_by_model(self, longest),)
-
-    @property
-    def judged_over(self) -> tuple[int, ...]:
-        """Numbers of steps over which fits of some parameters or others are compared."""
-        return HORIZONS if self.positions_only else self.horizons("auto")
 
     def scales(
         self, horizon: int, huber: float, noise: np.ndarray | None = None, left: np.ndarray | None = None

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cmbrl.data.transitions import Transitions
-from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import LEAST_WINDOWS, judged_over
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import REST
 from cmbrl.models.windows import huber, least_units, spread
@@ -44,7 +45,7 @@ class Judge:
         Default: those that ``evidence`` is judged over. ``share``: of the most windows that a judge has.
         """
         found, data, scene = [], evidence.log, evidence.model.scene
-        horizons = evidence.judged_over if horizons is None else horizons
+        horizons = judged_over(evidence) if horizons is None else horizons
         for h in horizons:
             starts = data.windows(h)
             if len(starts) < LEAST_WINDOWS and h > min(horizons):

@@ -18,7 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import LEAST_WINDOWS, horizons_of
 from cmbrl.fitting.log.judge import Judge, score
 from cmbrl.fitting.log.left import left_of_changes
 from cmbrl.fitting.log.noise import sensor_noise
@@ -113,7 +114,7 @@ class Surveyor:
         """
         noise = self._noise(self.evidence.space.nominal)
         z = dict(self._fitted_over(self._up_to(horizon), noise))[horizon]
-        further = [] if noise is None else [h for h in self.possible(self.evidence.horizons("auto")) if h > horizon]
+        further = [] if noise is None else [h for h in self.possible(horizons_of(self.evidence, "auto")) if h > horizon]
         for again, h in zip(("on", "further"), [*further, horizon, horizon], strict=False) if longer else ():
             z = self._fit(f"survey of {h} steps, {again}", h, noise, z)
         return z
@@ -213,7 +214,7 @@ class Surveyor:
 
     @cached_property
     def _judges(self) -> list[Judge]:
-        horizons = self.evidence.horizons("auto")
+        horizons = horizons_of(self.evidence, "auto")
         return Judge.all(self.evidence, self.huber, self._held_out if self.count else None, horizons, self.judged)
 
     @cached_property

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.fitting.log.evidence import HORIZONS
+from cmbrl.fitting.log.horizons import HORIZONS
 
 _NEARLY = 0.005  # of the logarithm of the error
 _ABOUT = 0.1  # the same, where one is easier to tell by

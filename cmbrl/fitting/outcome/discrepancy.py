@@ -19,7 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cmbrl.fitting.log.evidence import LEAST_WINDOWS, Evidence
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.log.horizons import LEAST_WINDOWS, judged_over
 from cmbrl.fitting.log.surveyed import Survey
 from cmbrl.fitting.outcome.identify import inverse
 from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
@@ -74,7 +75,7 @@ class Discrepancy:
         """Horizons that the log has windows of; of positions, those around the own one."""
         own = self.survey.horizon
         around = (max(1, own // 4), max(1, own // 2), own, 2 * own)
-        tried = around if self.evidence.positions_only else (*self.evidence.judged_over, own)
+        tried = around if self.evidence.positions_only else (*judged_over(self.evidence), own)
         windows = {h: len(windows_in_blocks(self.evidence.log, h)) for h in sorted(set(tried))}
         return [h for h, count in windows.items() if count >= LEAST_WINDOWS or h == own]
 

@@ -34,7 +34,7 @@ _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivativ
 _EXACT = 1e-8  # loss of a coordinate that the solver's accuracy leaves
 _RISE = 1e-6  # of the loss: more than round-off
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
-_MOST_NUMBERS = 30_000_000  # the same of windows that fill no more than the lanes of the core
+_PACKS, _MOST_NUMBERS = 4, 60_000_000  # of lanes that windows fill at least, unless these are too many
 
 
 @dataclass(frozen=True)
@@ -215,10 +215,11 @@ class PredictionLoss:
     def _at_once(self, numbers: int) -> int:
         """Windows to linearise together, of which each has so many ``numbers`` as derivatives.
 
-        The core takes as long for one as for as many as it has lanes: so many, or twice as many, where memory allows.
+        The core takes as long for one as for as many as it has lanes, on each thread: some times as many, where memory
+        allows.
         """
         lanes = self.model.lanes
-        count = max(_JACOBIAN_NUMBERS // numbers, min(2 * lanes, _MOST_NUMBERS // numbers), 1)
+        count = max(_JACOBIAN_NUMBERS // numbers, min(_PACKS * lanes, _MOST_NUMBERS // numbers), 1)
         return count if count < lanes else count // lanes * lanes
 
     def _followed(self, follow: Follow, theta: np.ndarray) -> Follow:

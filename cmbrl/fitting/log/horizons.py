@@ -1,4 +1,4 @@
-"""Over how many steps a log of positions tells of its model, before the noise of a start tells as much.
+"""Over how many steps the predictions of a log are compared, before the noise of a start tells as much as its model.
 
 Nothing pulls an arm under torques back to where it should be. Over half a second at full speed the noise of an encoder
 may then grow as large as the motion: such errors tell of the start, not of masses and friction, and where they explode
@@ -8,22 +8,54 @@ wheels drifts as well, evenly: its starts are free (``start_noise``), and only w
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from cmbrl.data.position_log import free_joint
+from cmbrl.fitting.log.evidence import Evidence
+from cmbrl.fitting.search.folds import windows_in_blocks
 from cmbrl.models.windows import noise_of_positions
+from cmbrl.numbers import whole
 from cmbrl.scene.records import JointKind
 
-if TYPE_CHECKING:
-    from cmbrl.fitting.log.evidence import Evidence
-
+HORIZONS = (1, 4, 10, 20)  # 1 step is what noise-free logs are best judged at; beyond 20, impacts have happened
+LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
+_LONGER, _NOISY_AHEAD = (50, 100, 200), 0.3  # of noisy logs besides; [s]: what is fast is over, and noise is small
+_POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
+_FLOATING_AHEAD, _ROLLING_AHEAD = 0.2, 0.4  # [s]
 _STEADY = 1.5  # times as far as a drift would part them, or less
 _SHARES = (1, 2, 4)  # of the steps: all, a half, a quarter
 _LITTLE = 0.1  # of the change, that noise may grow to
 _FAR = 1.0  # the same, by which the file may miss the log
 _WINDOWS = 24
 _OF_SPEED = 0.3  # of the noise by the time step: that of speeds, told by a few neighbouring samples
+
+
+def horizons_of(evidence: Evidence, asked: int | str) -> tuple[int, ...]:
+    """Numbers of steps that predictions may be compared over: the one ``asked``, several to choose from if "auto".
+
+    Of positions, half a second: at one step, their changes are noise. Less of a body that floats, since nothing pulls
+    it back to where it should be, and of an arm whose torques do not; and as much less as a short log needs. Of noisy
+    states in short steps, up to 0.3 s: 20 steps of 2 ms are noise, too.
+    """
+    if asked != "auto":
+        return (whole(asked, "horizon"),)
+    if not evidence.positions_only:
+        longer = (h for h in _LONGER if h * evidence.log.dt <= _NOISY_AHEAD)
+        return (*HORIZONS, *longer) if evidence.noisy else HORIZONS
+    floats = free_joint(evidence.model.scene) is not None
+    on_wheels = floats and rolls(evidence)
+    ahead = _ROLLING_AHEAD if on_wheels else _FLOATING_AHEAD if floats else _POSITIONS_AHEAD
+    steps = range(round(ahead / evidence.log.dt), 1, -1)
+    told = (h for h in steps if len(windows_in_blocks(evidence.log, h)) >= LEAST_WINDOWS)
+    longest = next(told, 1)
+    if on_wheels:
+        return (told_of_rolling(evidence, longest),)
+    return (longest if floats else told_by_model(evidence, longest),)
+
+
+def judged_over(evidence: Evidence) -> tuple[int, ...]:
+    """Numbers of steps over which fits of some parameters or others are compared."""
+    return HORIZONS if evidence.positions_only else horizons_of(evidence, "auto")
 
 
 def told_by_model(evidence: Evidence, steps: int) -> int:

@@ -1,0 +1,45 @@
+"""What a training run says of itself, in a few words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+def commands_text(told: Mapping[str, Any]) -> str:
+    """What a run's ``commands`` are, in words.
+
+    >>> commands_text({"delay": 0.016, "lag": 0.02, "last_actions": 5})
+    'commands 16 ms late with a lag of 20 ms, as in the model; the policy observes its last 5 actions'
+    """
+    late = f"commands {1e3 * told['delay']:.3g} ms late with a lag of {1e3 * told['lag']:.3g} ms, as in the model"
+    count = told["last_actions"]
+    seen = (
+        f"the policy observes its last {count} actions" if count else "too short for the policy to observe any action"
+    )
+    return f"{late}; {seen}"
+
+
+def progress_text(row: Mapping[str, float]) -> str:
+    """A row in a few words: return, gradient norm and variance, steps, seconds, as far as they were measured.
+
+    >>> progress_text({"return": 312.4, "gradient_norm": 0.71, "steps": 204800, "seconds": 12.3})
+    'return 312.4, gradient 0.71, 205k model steps, 12 s'
+    """
+    parts = [f"return {row['return']:.4g}"] if "return" in row else []
+    if "gradient_norm" in row:
+        variance = f" (variance {row['gradient_variance']:.2g})" if "gradient_variance" in row else ""
+        parts.append(f"gradient {row['gradient_norm']:.2g}{variance}")
+    if row.get("transitions"):
+        parts.append(f"{_short(row['transitions'])} real steps")
+    if row.get("steps"):
+        parts.append(f"{_short(row['steps'])} model steps")
+    return ", ".join([*parts, f"{row['seconds']:.0f} s"])
+
+
+def _short(count: float) -> str:
+    """A count in at most four characters and a unit."""
+    for size, unit in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if count >= size:
+            return f"{count / size:.3g}{unit}"
+    return f"{count:.0f}"
