@@ -5,9 +5,10 @@
     .venv/bin/cmbrl error nominal runs/a1/fit --data runs/a1/unseen.npz --open-loop --restart 1
 
 With other controllers and sensors, by one option or more: commands a step late, every eighth row alone, encoders that
-tell every fifth row of log.npz, servos that damp what their velocity lacks of the target's:
+tell every fifth row of log.npz, servos that damp what their velocity lacks of the target's, a base that leans by three
+degrees:
 
-    ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --late 0.002 --every 8 --slow 5 --lead
+    ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --late 0.002 --every 8 --slow 5 --lead --tilt 3
 
 Masses, payload, gains, damping, friction and armatures are drawn, and commands act 6 ms late. Logs of 16 and 8 s have
 what encoders tell, with noise of 0.3 mrad and 0.03 mm, and commands, at about 200 Hz; no velocities. Motors without
@@ -75,6 +76,12 @@ def hide(model: mujoco.MjModel, rng: np.random.Generator) -> None:
             dof = model.jnt_dofadr[model.actuator_trnid[a, 0]]
             model.dof_frictionloss[dof] += rng.uniform(0.002, 0.02) * (strength[a] or usual)
     mujoco.mj_setConst(model, mujoco.MjData(model))
+
+
+def lean(model: mujoco.MjModel, degrees: float) -> None:
+    """Tilts the base so far, which turns gravity in the axes of the file: twice as much towards x as towards y."""
+    size, share = np.linalg.norm(model.opt.gravity), np.array([2.0, 1.0]) / np.sqrt(5.0)
+    model.opt.gravity[:] = size * np.array([*np.sin(np.deg2rad(degrees)) * share, -np.cos(np.deg2rad(degrees))])
 
 
 def gains(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
@@ -154,6 +161,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="keep every so many rows (default 1)")
     parser.add_argument("--slow", type=int, default=1, help="rows of log.npz from one reading to the next (default 1)")
     parser.add_argument("--lead", action="store_true", help="servos damp what the velocity lacks of the target's rate")
+    parser.add_argument("--tilt", type=float, default=0.0, metavar="DEGREES", help="of the base (default 0)")
     told = parser.parse_args()
     if not told.file.is_file():
         raise SystemExit(f"hung: {told.file}: no such file")
@@ -163,6 +171,7 @@ def main() -> None:
     source, folder = told.file.resolve(), told.folder.resolve()
     model = held(source, folder)
     hide(model, np.random.default_rng(told.seed))
+    lean(model, told.tilt)
     for seconds, seed, name in zip(SECONDS, SEEDS, LOGS, strict=True):
         log = record(model, seconds, seed, told.late, told.lead)
         if name == LOGS[0]:

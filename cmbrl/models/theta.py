@@ -38,7 +38,10 @@ def by_name(scene: Scene, theta: np.ndarray) -> dict[str, float]:
 
 
 def from_names(scene: Scene, values: Mapping[str, float]) -> np.ndarray:
-    """Inverse of :func:`by_name`, (np,); raises UserError unless it names exactly the parameters of the scene."""
+    """Inverse of :func:`by_name`, (np,); raises UserError unless it names the parameters of the scene, and no others.
+
+    Laws that move on request alone may be missing: an earlier version did not have them, and they are as in the file.
+    """
     known = {p.name: i for i, p in enumerate(scene.parameters)}
     theta = scene.parameter_vector()
     for name, value in values.items():
@@ -47,6 +50,6 @@ def from_names(scene: Scene, values: Mapping[str, float]) -> np.ndarray:
                 f"{name!r} is not a parameter of scene {scene.name!r}; was the model fitted to another scene?"
             )
         theta[known[name]] = value
-    if missing := [name for name in known if name not in values]:
+    if missing := [p.name for p in scene.parameters if p.default and p.name not in values]:
         raise UserError(f"no value for the parameter {missing[0]!r} of scene {scene.name!r}: fit again")
     return theta

@@ -33,14 +33,16 @@ WORLD = (
 )
 VALUES = {
     "floor": 0.0, "damping": 2.0, "stiffness": 3.0, "com": 0.0, "mass": 2.0, "inertia": 0.1, "armature": 0.5,
-    "loss": 0.2, "friction": 1.5, "time": 0.05, "gear": 10.0, "g": -9.81,
+    "loss": 0.2, "friction": 1.5, "time": 0.05, "gear": 10.0, "g": -9.81, "across": 0.0,
     "kp": 7.0, "kv": 2.0, "low": 0.8, "high": 0.96, "width": 0.003,
 }  # fmt: skip
 
 
 def scene_with(load: Load, contact_law: str = "mujoco", **changes: float) -> Scene:
     values = VALUES | changes
-    rest = '<option gravity="0 0 {g}"/><actuator><position joint="h" gear="{gear}" kp="{kp}" kv="{kv}"/></actuator>'
+    rest = (
+        '<option gravity="{across} 0 {g}"/><actuator><position joint="h" gear="{gear}" kp="{kp}" kv="{kv}"/></actuator>'
+    )
     return load(WORLD.format(**values), rest.format(**values), contact_law=contact_law)[0]
 
 
@@ -102,6 +104,7 @@ def test_the_gain_of_a_velocity_servo_is_that_of_the_file(load: Load) -> None:
         ("kp.h", 9.0, {"kp": 9.0}),
         ("kd.h", 3.0, {"kv": 3.0}),
         ("gravity", 1.1, {"g": -9.81 * 1.1}),
+        ("gravity_tilt.x", 0.02, {"across": 9.81 * 0.02}),
     ],
 )
 def test_parameter_is_the_same_change_of_the_file(

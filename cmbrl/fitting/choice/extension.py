@@ -26,11 +26,12 @@ from cmbrl.fitting.search.gauss_newton import gauss_newton
 from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import NotFinite, Objective
 from cmbrl.models.observation import AHEAD, LEAD, ZERO
+from cmbrl.scene.fittable.parameters import TILT
 
 #: act in proportion; to first order, dry friction takes the part of Stribeck's
-_FORECAST = (*GAINS, AHEAD, LEAD, ZERO, "friction_slope")
+_FORECAST = (*GAINS, AHEAD, LEAD, TILT, ZERO, "friction_slope")
 #: tried on positions: held, or in no file
-LAWS = (*GAINS, AHEAD, LEAD, *drives.GROUPS, ZERO, "friction_slope", "stribeck")
+LAWS = (*GAINS, AHEAD, LEAD, TILT, *drives.GROUPS, ZERO, "friction_slope", "stribeck")
 _AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
 _WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
 _OF_A_LAW = 0.1  # of the loss, at least: several are tried, and each holds where no log has been

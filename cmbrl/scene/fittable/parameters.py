@@ -35,6 +35,9 @@ _LAW_FIELDS = {  # rigid: the time in which a penetration decays
 
 _LOAD, _OUTSIDE = 2.5, 5.0  # reach of masses, to 56 times the file's, and of centres: a load far from a light link
 
+TILT = "gravity_tilt"  #: how far gravity leans: a table that is not level, a base that is not mounted as in the file
+_LEVEL, _CROOKED = 0.05, 6.0  # [rad]: 3 degrees are expected, and 17 possible
+
 _LIVELY = 2.0  # reach of softness: a ball that keeps 3/4 of its energy has a damping ratio of .05
 
 # MuJoCo's solimp: impedance at first touch, at depth ``width``, and that width. Bounds are those MuJoCo clips to.
@@ -79,10 +82,22 @@ def offer_parameters(
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])
     for k, actuator in enumerate(parts.actuators):
         offer_actuator(tree, actuator, layout, k, out)
-    down = range(layout.gravity, layout.contact(0))
-    if np.any(P[down]):
-        out.scale("gravity", "", 0.5, 2.0, P, down, default=False)  # known, unless the file's frame is tilted or scaled
+    _offer_gravity(layout, letters, P, out)
     return out.moves(), masses, shapes
+
+
+def _offer_gravity(layout: Layout, letters: tuple[str, ...], P: Array, out: Collector) -> None:
+    """Its size, and how far it leans towards the other axes of the world: known, unless the base is crooked."""
+    down = range(layout.gravity, layout.contact(0))
+    size = float(np.linalg.norm(P[down]))
+    if not size:
+        return
+    out.scale("gravity", "", 0.5, 2.0, P, down, default=False)
+    along = P[down] / size
+    for k, letter in enumerate(letters):
+        if k != int(np.abs(along).argmax()):
+            towards = np.eye(len(along))[k] - along[k] * along
+            out.add(TILT, letter, 0.0, -_LEVEL, _LEVEL, "rad", down, size * towards, default=False, reach=_CROOKED)
 
 
 def _contact_parameters(
