@@ -198,7 +198,8 @@ class PredictionLoss:
                 hessian[np.ix_(told, told)] -= np.tensordot(counted, solved[:, :, 1:], axes=([0, 1], [0, 1]))
                 followed.append(Follow.of(-solved, columns[told], len(space)))
             jacobian *= np.sqrt(weight * counts[:, None])[:, None]  # from here on: rows that are squared
-            add_squares(hessian, jacobian.reshape(*jacobian.shape[:2], self.windows.horizon, -1), told)
+            by_step = jacobian.reshape(*jacobian.shape[:2], self.windows.horizon, scales.observed)
+            add_squares(hessian, by_step, told)
             if rooted and self.windows.offset is None:
                 collected.add(np.moveaxis(jacobian, 1, -1).reshape(residual.size, len(told)), columns[told])
             np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), counts[:, None] * slopes)
