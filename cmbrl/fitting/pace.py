@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -54,19 +55,24 @@ _BISECTIONS = 5  # sets of draws
 
 @dataclass(frozen=True)
 class Speed:
-    """Seconds for a row: of ``settling`` its start and its error, its ``equations``, one ``candidate``, a ``step``."""
+    """Seconds for a row: of ``settling`` its start and its error, its ``equations``, one ``candidate``, a ``step``.
+
+    ``together``: rows whose equations take as long as those of one: the windows that fill the lanes of the core.
+    """
 
     settling: float
     equations: float
     candidate: float
     step: float
+    together: int = 1
 
     @classmethod
     def of(cls, evidence: Evidence, horizon: int, huber: float, active: np.ndarray, seed: int) -> Speed:
         """Timed at the file's parameters, with derivatives in the ``active`` (n,) ones."""
         noise = noise_of_starts(evidence, evidence.space.nominal, horizon, _NOISE_ROWS)
-        scales = evidence.scales(horizon, huber, noise)
-        for rows in (_ROWS, _MORE * _ROWS):
+        scales, together = evidence.scales(horizon, huber, noise), evidence.model.lanes * horizon
+        least = max(_ROWS, together)
+        for rows in (least, _MORE * least):
             loss = evidence.loss(draw_starts(evidence.log, horizon, rows, seed), horizon, *scales)
             began = Clock.now()
             first = cls._once(loss, evidence.space, active)  # waits for the system to give it memory
@@ -74,7 +80,8 @@ class Speed:
                 break
         more = 0 if began.busy > _VERY_LONG else _PASSES
         passes = [cls._once(loss, evidence.space, active) for _ in range(more)] or [first]
-        return cls(*np.min(passes, axis=0).tolist())
+        settling, equations, candidate, step = np.min(passes, axis=0).tolist()
+        return cls(settling, equations, candidate, step, min(together, loss.steps))
 
     @staticmethod
     def _once(loss: PredictionLoss, space: Space, active: np.ndarray) -> np.ndarray:
@@ -90,9 +97,14 @@ class Speed:
         marks.append(clock.busy)
         return np.diff(marks) / loss.steps / [1, 1, _PACK, 1]
 
+    def lines(self, rows: float) -> float:
+        """Seconds of the equations of ``rows``."""
+        return ceil(rows / self.together) * self.together * self.equations
+
     def fit(self, rows: float, iterations: int) -> float:
         """Seconds of a Gauss-Newton."""
-        return rows * (self.settling + self.candidate + iterations * (self.equations + _PACK * self.candidate))
+        tried = rows * _PACK * self.candidate
+        return rows * (self.settling + self.candidate) + iterations * (self.lines(rows) + tried)
 
 
 @dataclass(frozen=True)
@@ -156,7 +168,8 @@ class Plan:
         judge = refits(b.polish_rows, b.fold_iterations)
         reported = sum(judged_rows(h, b.judged) for h in REPORTED) * speed.step
         stepping = STEPS_TRIED * sum(judged_rows(h, b.judged / 4) for h in REPORTED[:-1]) * speed.step
-        lines = (_DISCREPANCIES * some(b.survey_rows) + some(b.polish_rows)) * (speed.settling + speed.equations)
+        lines = _DISCREPANCIES * speed.lines(some(b.survey_rows)) + speed.lines(some(b.polish_rows))
+        lines += (_DISCREPANCIES * some(b.survey_rows) + some(b.polish_rows)) * speed.settling
         draws = _BISECTIONS * b.draws * min(b.draw_rows, some(b.polish_rows)) * speed.candidate
         search = b.search_rounds * b.search_population * some(b.search_rows) * speed.candidate
         starts = b.starts * (speed.fit(rest * some(b.search_rows), b.start_iterations)) if b.starts > 1 else 0.0
