@@ -34,7 +34,10 @@ _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivativ
 _EXACT = 1e-8  # loss of a coordinate that the solver's accuracy leaves
 _RISE = 1e-6  # of the loss: more than round-off
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
-_PACKS, _MOST_NUMBERS = 4, 60_000_000  # of lanes that windows fill at least, unless these are too many
+_PACKS, _MOST_NUMBERS = (
+    4,
+    60_000_000,
+)  # packs of lanes that windows fill at least, unless these have more doubles (480 MB)
 
 
 @dataclass(frozen=True)
@@ -216,8 +219,8 @@ class PredictionLoss:
     def _at_once(self, numbers: int) -> int:
         """Windows to linearise together, of which each has so many ``numbers`` as derivatives.
 
-        The core takes as long for one as for as many as it has lanes, on each thread: some times as many, where memory
-        allows.
+        The core takes as long for one as for as many as it has lanes, so they fill some packs of lanes where memory
+        allows; how many does not depend on threads, nor do results.
         """
         lanes = self.model.lanes
         count = max(_JACOBIAN_NUMBERS // numbers, min(_PACKS * lanes, _MOST_NUMBERS // numbers), 1)
