@@ -203,8 +203,8 @@ class PredictionLoss:
             jacobian *= np.sqrt(weight * counts[:, None])[:, None]  # from here on: rows that are squared
             by_step = jacobian.reshape(*jacobian.shape[:2], self.windows.horizon, scales.observed)
             add_squares(hessian, by_step, told)
-            if rooted and self.windows.offset is None:
-                collected.add(np.moveaxis(jacobian, 1, -1).reshape(residual.size, len(told)), columns[told])
+            for window in jacobian if rooted and self.windows.offset is None else ():
+                collected.add(window.T, columns[told])
             np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), counts[:, None] * slopes)
         count = self.steps
         by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
