@@ -5,8 +5,8 @@ What is finished stands in the journal, so that a killed fit goes on where it wa
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -39,13 +39,18 @@ from cmbrl.fitting.state import Journal
 from cmbrl.models.observation import AHEAD, DELAY, LAG, LEAD
 
 SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}
+INTERRUPTED = "interrupted"
+_STOPPING = "\ncmbrl: stopping: a short report on the best fit so far comes first (Ctrl-C again: without a report)"
 
 
 class Course(Refining):
     """One fit, part by part."""
 
     def run(self) -> str | None:
-        """Everything; returns why it ended early, if it did. Then ``incumbent`` is the best so far."""
+        """Everything; returns why it ended early, if it did. Then ``incumbent`` is the best so far.
+
+        A second Ctrl-C is raised; the journal has what was finished.
+        """
         try:
             self._set_pace()
             with self.part("beginning"):
@@ -81,10 +86,11 @@ class Course(Refining):
                 with self.part("stepping"):  # advice: the fit is complete without it
                     self.stepping = self.journal.unit("stepping", self._step)["tried"]
         except KeyboardInterrupt:
-            if self.count:  # a short refit, not kept in the journal; a second Ctrl-C leaves it out
-                with suppress(KeyboardInterrupt):
-                    self._judge_shortly()
-            return "interrupted"
+            print(_STOPPING, file=sys.stderr)
+            self.hurry()
+            if self.count:  # a short refit, not kept in the journal
+                self._judge_shortly()
+            return INTERRUPTED
         return stopped
 
     def _lost(self, hasty: bool) -> bool:

@@ -21,7 +21,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.choice.play_shown import gaps_to_try, play_shown
 from cmbrl.fitting.clock import Clock
-from cmbrl.fitting.course import SEARCHES, Course
+from cmbrl.fitting.course import INTERRUPTED, SEARCHES, Course
 from cmbrl.fitting.log.columns import ColumnsCheck
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.horizons import horizons_of
@@ -119,10 +119,13 @@ def fit(
     )  # fmt: skip
     stopped = course.run()
     with course.part("report"):
+        if stopped == INTERRUPTED:
+            course.hurry()
         result = _concluded(course, stopped)
     shown: list[dict[str, Any]] = []
-    with course.part("report"), suppress(KeyboardInterrupt):  # advice: the fit is complete without it
-        shown = _play(course)
+    if stopped != INTERRUPTED:
+        with course.part("report"), suppress(KeyboardInterrupt):  # advice: the fit is complete without it
+            shown = _play(course)
     result.report.update(play=shown, gaps=gaps_to_try(result.model.scene, shown))
     return result
 

@@ -22,6 +22,7 @@ from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.state import Journal, OutOfTime
 
 GAUSS_NEWTON = "gauss-newton"
+_HURRIED = 0.01  # of the usual work
 
 
 @dataclass
@@ -72,6 +73,10 @@ class Standing:
         self.budget = self.pace.begin(name, journal, known)
         with suppress(OutOfTime), journal.until(self.pace.end(name, journal.spent)):
             yield
+
+    def hurry(self) -> None:
+        """From here on, only as much work as tells anything: somebody waits."""
+        self.budget = self.budget.shrunk(_HURRIED)
 
     def _set_pace(self) -> None:
         adds, searches = self.with_laws and self.count > 0, self.method != GAUSS_NEWTON

@@ -65,6 +65,7 @@ def conclude(
         raise UserError(NOT_FINITE) from None
     drawn = late if late is not None and late.matters(data.dt) else None
     covariance = known.covariance + (0.0 if drawn is None else drawn.covariance)
+    place = None if drawn is None else drawn.place
     bound, value = space.at_bound(z) & active, space.theta(z)
     parameters = _parameters(space, value, known, _status(active, bound, known.flat))
     errors = {"all, nominal": told.errors(space.nominal), "all, fitted": told.errors(value), **held_out}
@@ -94,8 +95,8 @@ def conclude(
         **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {
             **_covariance(space, covariance),
-            "share": _share(loss, space, z, covariance, budget, None if drawn is None else drawn.place),
-            "delay": None if drawn is None else space.names[drawn.place],
+            "share": _share(loss, space, z, covariance, budget, place, about["stopped"]),
+            "delay": None if place is None else space.names[place],
         },
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
@@ -145,12 +146,20 @@ def _together(
 
 
 def _share(
-    loss: PredictionLoss, space: Space, z: np.ndarray, covariance: np.ndarray, budget: Budget, delay: int | None
+    loss: PredictionLoss,
+    space: Space,
+    z: np.ndarray,
+    covariance: np.ndarray,
+    budget: Budget,
+    delay: int | None,
+    stopped: str | None,
 ) -> float:
-    """How wide draws may be; as wide as the intervals where Ctrl-C ends the search for it."""
+    """How wide draws may be; as wide as the intervals where Ctrl-C ends the search for it, the first in this fit."""
     try:
         return bearable(loss, space, z, covariance, budget.draws, budget.draw_rows, delay)
     except KeyboardInterrupt:
+        if stopped == "interrupted":
+            raise
         return 1.0
 
 
