@@ -14,7 +14,7 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.report_text import render
-from cmbrl.fitting.outcome.verdict import by_horizon, lost, warning
+from cmbrl.fitting.outcome.verdict import by_horizon, lost, remark, warning
 from cmbrl.fitting.search.unseen import Unseen
 
 from .arm_log import followed
@@ -68,6 +68,22 @@ def test_it_loses_where_one_measure_says_so() -> None:
     assert text.endswith("the file as it is over 1 step(s) by RMSE and 5 step(s) by Huber loss")
 
 
+def test_what_it_loses_hardly_over_one_step_alone_is_told_without_alarm() -> None:
+    """An impact and a velocity that was estimated rule the RMSE of one step; usual errors and longer ones fall."""
+    rows = [_row(1, (0.72, 0.142, 0.155), (0.5, 0.0298, 0.0291)), _row(20, (1.05, 0.149, 0.047), (1.0, 0.03, 0.003))]
+    assert warning(rows) is None
+    assert remark(rows) == " It loses a little to the file as it is over 1 step(s) by RMSE."
+    assert remark(rows[1:]) == ""
+    for loud in (
+        rows[:1],  # nothing longer is gained
+        [_row(1, (0.72, 0.142, 0.18), (0.5, 0.0298, 0.0291)), rows[1]],  # not a little
+        [_row(1, (0.72, 0.142, 0.155), (0.5, 0.0298, 0.031)), rows[1]],  # by both measures
+        [*rows, _row(100, (3.0, 0.5, 0.6), (2.0, 0.5, 0.4))],  # and over a long horizon
+    ):
+        assert "DO NOT TRUST" in (warning(loud) or "")
+        assert remark(loud) == ""
+
+
 def test_the_errors_are_those_of_the_table_of_errors(tmp_path: Path) -> None:
     """Of the whole log as unseen: the user who asks ``cmbrl error`` gets the same numbers."""
     model, log = cmbrl.ComplementarityModel(scene(tmp_path, ARM)), recorded(ARM, 1, 3, 120, 0, 1.0)
@@ -119,6 +135,10 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     ]
     assert first_line({**report, "horizons": beyond}).endswith(
         "Over 100 steps it is off by more than the states vary: use it for less."
+    )
+    little = {**beyond[0], "rmse": {**beyond[0]["rmse"], "fitted": 1.1 * beyond[0]["rmse"]["nominal"]}}
+    assert first_line({**report, "horizons": [little, *beyond[1:]]}).endswith(
+        "use it for less. It loses a little to the file as it is over 1 step(s) by RMSE."
     )
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in first_line({**report, "horizons": worse}).split(".")[0]

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from cmbrl.fitting.choice.judging import RETURN
-from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, warning
+from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, remark, warning
 
 _ALIKE = 1.01  # times the error of the fit
 _DIVERGED = 1e6  # times what the states vary by
@@ -46,7 +46,7 @@ def first_line(report: Mapping[str, Any]) -> str:
         doubt += f"; {count} transition{'s' * (count > 1)} tell little: record more"
     short = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
     better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than the file"
-    return f"{better} ({short}){_times_far(report)}{doubt}.{_reach(report)}"
+    return f"{better} ({short}){_times_far(report)}{doubt}.{_reach(report)}{remark(report.get('horizons', ()))}"
 
 
 def _apart(report: Mapping[str, Any]) -> str:

@@ -24,7 +24,7 @@ MODELS = ("hold", "nominal", "fitted")
 MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the first, usual ones the second
 _HURRIED, _MOVING = 0.75, ("choice", "polish")  # share of their work, of the parts that move parameters
 _LOST = 1e300  # JSON has no infinity
-_WORSE = 1.01  # times the error of another model
+_WORSE, _SLIGHTLY = 1.01, 1.2  # times the error of another model
 EXACT = 1e-6  #: an RMSE of one step that the solver leaves: nothing is to be gained
 _NOISY = 2.0  # times the square of noise: at least half of an error's square is noise
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
@@ -106,13 +106,42 @@ def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
     Holding the velocity is no rival where velocities are estimates, and over horizons where it is off by more than the
     states vary: there, in two seconds of a robot that falls, neither tells anything. Nor is it where it errs by the
     sensors' noise more than by motion, as over one short step: what the noise of a start does to a stiff contact is no
-    fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it.
+    fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it. What it loses
+    over short horizons alone, hardly and by one measure, ``remark`` tells.
     """
+    parts = [f"{name} over {where}" for name, where, slightly in _lost_to(rows) if not slightly]
+    return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
+
+
+def remark(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A sentence, after a blank, on what the fit loses over short horizons alone, hardly and by one measure; or none.
+
+    A few impacts, and estimates of velocities, rule the RMSE of one step of whatever model.
+    """
+    parts = [f"to {name} over {where}" for name, where, slightly in _lost_to(rows) if slightly]
+    return f" It loses a little {', and '.join(parts)}." if parts else ""
+
+
+def _lost_to(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, bool]]:
+    """Models to which the fit loses, the horizons at which it does, and whether that is little."""
     names = {"hold": "holding the velocity", "nominal": "the file as it is"}
     if rows and max(rows[0]["rmse"][which] for which in ("nominal", "fitted")) < EXACT:
         del names["nominal"]  # beyond one step, chaos makes of rounding what it likes
-    parts = [f"{name} over {where}" for other, name in names.items() if (where := _worse(rows, other))]
-    return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
+    found = ((name, _worse(rows, other), _slightly(rows, other)) for other, name in names.items())
+    return [(name, where, slightly) for name, where, slightly in found if where]
+
+
+def _slightly(rows: Sequence[Mapping[str, Any]], other: str) -> bool:
+    """Whether it is worse than ``other`` by one measure, hardly, and over horizons that are shorter than its gains."""
+
+    def times(row: Mapping[str, Any]) -> list[float]:
+        return [row[measure]["fitted"] / max(row[measure][other], 1.0 / _LOST) for measure in MEASURES]
+
+    gains = [row["steps"] for row in rows if max(times(row)) <= 1.0]
+    apart = [row for row in rows if max(times(row)) > 1.0]
+    return all(min(times(row)) <= 1.0 and max(times(row)) <= _SLIGHTLY for row in apart) and (
+        max((row["steps"] for row in apart), default=0) < min(gains, default=0)
+    )
 
 
 def hurried(pace: Mapping[str, Any] | None) -> str:
