@@ -125,6 +125,16 @@ def _rows(motion: Motion, chosen: list[int]) -> _Rows | None:
     return _Rows(np.column_stack([np.ones(len(y)), _scaled(q), _scaled(v), _scaled(past)]), u, y, free)
 
 
+def steered(motion: Motion, chosen: list[int]) -> bool:
+    """Whether most of what the ``chosen`` commands vary by answers to the state."""
+    rows = _rows(motion, chosen)
+    if rows is None:
+        return False
+    with np.errstate(invalid="ignore"):
+        free = _beside(rows.state, rows.u).var(axis=0) / rows.u.var(axis=0)
+    return bool(np.nanmedian(free) < 0.5)
+
+
 def slowly(motion: Motion, chosen: list[int]) -> np.ndarray:
     """How surely joints (m,) answer to their own commands over SLOW, by positions alone: slopes in standard errors.
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cmbrl.data.plausible.answers import ROWS, Responses, hidden, of_noise, responses, slowly
+from cmbrl.data.plausible.answers import ROWS, Responses, hidden, of_noise, responses, slowly, steered
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.motion import LAG, Motion
 
@@ -67,12 +67,14 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
 
     A controller that damps brakes the more the faster a joint is. What the logged velocity has by noise is then no part
     of the command, but of the acceleration, and both look opposed. So a fault has to remain without what noise does,
-    and nothing is told where noise is most of what is left.
+    and nothing is told where noise is most of what is left. Nor is it of a robot that stands on its feet by commands
+    that answer to its state: there the floor pushes back, and joints move with or against their torques by chance.
     """
     chosen = [m for m, driver in enumerate(motion.drivers) if not driver.position or motion.v_now is not None]
     best = np.nan_to_num(answers[0])
     follows = np.diagonal(best) > FOLLOWS  # a servo that does so is told by ``servos``
-    fitted = responses(motion, chosen) if chosen else None
+    told = chosen and not (motion.stands and steered(motion, chosen))
+    fitted = responses(motion, chosen) if told else None
     if fitted is None:
         return
     loud = hidden(motion, chosen, fitted[3])

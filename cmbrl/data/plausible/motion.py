@@ -71,6 +71,7 @@ class Motion:
     blocks: tuple[slice, ...]
     kind: str  #: "q" or "joint_position": how the log calls positions
     command: str  #: how it calls commands
+    stands: bool = False  #: on what it touches: a base that nothing holds
 
     @cached_property
     def change(self) -> np.ndarray:
@@ -161,7 +162,7 @@ def of_transitions(log: Fields, scene: Scene) -> Motion:
     return Motion(
         dt=log["dt"], coordinates=coordinates, now=log["q"][:, q], after=log["q_next"][:, q],
         v_now=log["v"][:, v], v_after=log["v_next"][:, v], drivers=drivers, u=log["u"][:, used],
-        blocks=_blocks(~follows(log)), kind="q", command="u",
+        blocks=_blocks(~follows(log)), kind="q", command="u", stands=_stands(scene),
     )  # fmt: skip
 
 
@@ -175,7 +176,14 @@ def of_positions(log: PositionLog, scene: Scene) -> Motion:
         dt=log.dt, coordinates=coordinates, now=log.position[rows], after=log.position[rows + 1], v_now=None,
         v_after=None, drivers=drivers, u=log.command[rows][:, used], blocks=_blocks(np.diff(rows) != 1),
         kind="joint_position", command="commanded_position" if log.command_kind == "position" else log.command_kind,
+        stands=_stands(scene),
     )  # fmt: skip
+
+
+def _stands(scene: Scene) -> bool:
+    sources = [joint.source for joint in scene.joints]
+    free = [joint for joint in scene.joints if joint.kind == JointKind.BALL and sources.count(joint.source) > 1]
+    return bool(free) and scene.core.ncontact > 0
 
 
 def _blocks(breaks: np.ndarray) -> tuple[slice, ...]:
