@@ -2,6 +2,8 @@
 
 A loop that logs faster than its sensors tell writes such, row after row. Taken for measured they are late, by up to a
 period of the sensor; what lies between fresh readings on a straight line is off by far less.
+
+A noisy encoder repeats a reading now and then by chance, as often as it moves by one count only: such are left alone.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import numpy as np
 LONGEST = 25  #: rows of one reading; a joint that stays longer may well be at rest
 _COUNTS = 4.0  # smallest changes of the column, by which it moves a row: less is what an encoder's counts do
 _SLOWER = 0.1  # of a column's rows: then its sensor is slower, and every repetition is one, also where it turns back
+_FEW = 2.5  # counts that noise moves a reading by about as often as by none
 _CLOSER = 0.5  # how much closer to the motion around it a change has to be if it took all the rows, not the last one
 
 
@@ -20,7 +23,7 @@ def stale(x: np.ndarray) -> np.ndarray:
     """Mask (T,) of the samples of a column (T,) that repeat a reading of something that moves on.
 
     It moves as fast before as after, and the next reading catches up with that; a joint that rested would not. Where
-    there are many, so are all that repeat for as short a time.
+    there are many, so are all that repeat for as short a time; where noise explains them, none is.
     """
     found = np.zeros(len(x), dtype=bool)
     changed = np.flatnonzero(np.diff(x)) + 1
@@ -30,13 +33,16 @@ def stale(x: np.ndarray) -> np.ndarray:
     rate = moved / rows
     before, here, after = rate[:-2], rate[1:-1], rate[2:]
     around = 0.5 * (before + after)
-    goes_on = (before * after > 0.0) & (here * after > 0.0)
-    goes_on &= np.minimum(np.abs(before), np.abs(after)) >= _COUNTS * np.abs(moved).min()
+    count = np.abs(moved).min()
+    passes = (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) >= _COUNTS * count)
+    goes_on = passes & (here * after > 0.0)
     caught_up = np.abs(here - around) < _CLOSER * np.abs(moved[1:-1] - around)
     short = (rows > 1) & (rows <= LONGEST)
     own = np.concatenate([[False], goes_on & caught_up, [False]]) & short
     if rows[own].sum() >= _SLOWER * len(x):
         own = short
+    elif own.sum() <= (passes & (rows[1:-1] == 1) & (np.abs(moved[1:-1]) < _FEW * count)).sum():
+        return found
     for k in np.flatnonzero(own).tolist():
         found[changed[k] + 1 : changed[k + 1]] = True
     return found

@@ -71,6 +71,15 @@ def test_what_rests_or_counts_is_none() -> None:
         assert not stale(column).any()
 
 
+def test_a_noisy_encoder_repeats_readings_by_chance() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(5):
+        x = 1e-4 * np.round((swing(4000) + 3e-4 * rng.standard_normal(4000)) / 1e-4)
+        assert (np.diff(x) == 0.0).sum() > 20
+        assert not stale(x).any()
+        assert stale(sampled(x, every(len(x), 5.0, 5.0))).mean() > 0.7  # of a slow sensor with that noise
+
+
 def test_episodes_are_apart() -> None:
     x, episode = swing(), np.repeat([0, 1], 1000)
     held = sampled(x, every(len(x), 5.0, 5.0))
