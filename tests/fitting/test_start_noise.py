@@ -75,6 +75,33 @@ def test_a_mounted_robot_starts_where_it_was_logged(tmp_path: Path) -> None:
     assert noise_of_starts(evidence, evidence.space.nominal, 20) is None
 
 
+CART = """<mujoco><option timestep=".005"/><worldbody><body><joint name="x" type="slide" axis="1 0 0" damping="2"/>
+<geom type="box" size=".1 .1 .05" mass="1"/><body><joint name="theta" axis="0 1 0" damping="{}"/>
+<geom type="capsule" size=".02" fromto="0 0 0 0 0 -.4" mass=".3"/></body></body></worldbody>
+<actuator><motor name="x" joint="x"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("damping", "swings"), [(0.001, True), (0.5, False)])
+def test_a_load_that_swings_does_not_forget_its_start(tmp_path: Path, damping: float, swings: bool) -> None:
+    """It comes back after half a period, so that a start that is faster ends no farther ahead."""
+    (tmp_path / "cart.xml").write_text(CART.format(damping))
+    model = mujoco.MjModel.from_xml_string(CART.format(damping))
+    data, draw, path, pushes = mujoco.MjData(model), np.random.default_rng(0), [], []
+    for row in range(800):
+        pushes.append([3.0 * np.sin(0.05 * row) + 2.0 * np.sin(0.031 * row)])
+        path.append(data.qpos + [1e-4, 1e-3] * draw.standard_normal(2))
+        data.ctrl[:] = pushes[-1]
+        mujoco.mj_step(model, data, 2)
+    log = PositionLog(
+        time=DT * np.arange(len(path)), position=np.array(path), command=np.array(pushes), joint_names=("x", "theta"),
+        actuator_names=("x",), command_kind="control",
+    )  # fmt: skip
+    evidence = Evidence.of(ComplementarityModel(Scene.from_mjcf(tmp_path / "cart.xml")), log)
+    assert (1 in adrift(evidence, 50)) is swings
+    found = noise_of_starts(evidence, evidence.space.nominal, 50)
+    assert bool(found is not None and 2e-4 < found[0, 1] < 5e-3) is swings
+
+
 def test_a_joint_that_nothing_holds_drifts(tmp_path: Path) -> None:
     log, _ = record(0.02, (0.0, 0.0))
     servo, motor = '<position name="a" joint="a" kp="12" kv="1.5"/>', '<motor name="a" joint="a"/>'

@@ -78,8 +78,7 @@ def test_all_that_an_mjcf_holds_comes_back(arm: Scene, tmp_path: Path, law: str)
     kept = {"friction_slope", "stribeck", "stribeck_speed", "force_limit_slope", "backlash"}  # an MJCF has none
     groups = {name.partition(".")[0] for name in file.missing}
     expected = {"rigid": {"restitution", "softness_time"}, "mujoco": set()}[law]
-    assert groups - kept == expected | {"bias", "radius"}
-    assert [name for name in file.missing if name.startswith("radius")] == ["radius.load"]  # a box has none
+    assert groups - kept == expected | {"bias"}
     assert "bias.yaw = 0.01" in file.text.partition("-->")[0]
     (tmp_path / "elsewhere").mkdir()
     (tmp_path / "elsewhere/fitted.xml").write_text(file.text)
@@ -104,6 +103,22 @@ def test_mujoco_moves_the_arm_as_the_hidden_file_does(arm: Scene) -> None:
     assert file.missing == ()
     true, before = rollout(hidden, 400), rollout(ARM.format(**FILE), 400)
     assert np.abs(rollout(file.text, 400) - true).max() < 1e-3 * np.abs(before - true).max()
+
+
+BOX = """<mujoco><option timestep=".002"/><worldbody><geom name="floor" type="plane" size="1 1 .1"/>
+<body pos="0 0 .06"><freejoint/><geom name="box" {shape}/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("shape", ['type="box" size=".05 .04 .05"', 'type="cylinder" size=".05 .05"'])
+@pytest.mark.parametrize("radius", [0.003, -0.002])
+def test_what_has_no_radius_rests_as_high_as_with_one(tmp_path: Path, shape: str, radius: float) -> None:
+    """A floor that is lower by what the box is rounder: as in the model, the box does not sink with the floor."""
+    (tmp_path / "box.xml").write_text(BOX.format(shape=shape))
+    scene = Scene.from_mjcf(tmp_path / "box.xml")
+    file = fitted_file(scene, at(scene, radius__box=radius, plane_height__floor=-radius))
+    assert file.missing == ()
+    heights = [rollout(text, 1500)[-1][2] for text in (file.text, BOX.format(shape=shape))]
+    assert heights[0] == pytest.approx(heights[1], abs=1e-5)
 
 
 def test_mujoco_moves_the_hopper_as_the_hidden_one_does() -> None:

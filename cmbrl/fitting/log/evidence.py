@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cmbrl.data.checks import LARGEST
-from cmbrl.data.position_log import PositionLog
+from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.data.unlogged import unlogged
@@ -21,9 +21,10 @@ from cmbrl.models.observation import BIAS, DELAY, LAG, Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.models.wiring import LEAST
 from cmbrl.scene import Scene
-from cmbrl.scene.records import Joint
+from cmbrl.scene.records import Joint, JointKind
 
 _ASTRAY, _LEAST_ASTRAY = 0.3, 1e-6  # of its spread: how far what is followed may be off; [rad, m, rad/s, m/s]
+_ALONG = 0.999  # of a plane's normal, along an axis of a floating body's places
 _HARDLY = 1e-3  # of the change: noise that leaves a start as good as fixed
 
 
@@ -63,7 +64,7 @@ class Evidence:
         log = log.normalised(model.scene)
         observation = model.observer
         physical = [replace(p, default=p.default and p.group not in known) for p in model.scene.parameters]
-        silent = {place for each in of_positions.values() for place in each.looped(model.scene)}
+        silent = {place for each in of_positions.values() for place in each.looped(model.scene)} | _heights(model.scene)
         biases = {f"{BIAS}.{name}" for k, name in enumerate(model.scene.coordinate_names) if k not in silent}
         offered = [
             replace(p, default=p.default or (positions_only and p.name in biases)) for p in observation.parameters
@@ -148,6 +149,13 @@ class Evidence:
         """The loss over windows of ``horizon`` steps from each row of ``starts``, with the ``scales`` of each log."""
         own = scales if scales[0].noise is not None and len(scales) > 1 else ()
         return PredictionLoss(self.model, Windows(self.log, starts, horizon, scales[0], own=own), self.observation)
+
+
+def _heights(scene: Scene) -> set[int]:
+    """Places in v of a floating body above a plane, whose height says the same as a bias of the body's own."""
+    slides = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.joint_names[j.source] == free_joint(scene)]
+    along = np.abs(scene.core.plane_normal) > _ALONG
+    return {joint.vadr for axis, joint in enumerate(slides) if along[:, axis].any()}
 
 
 def _told_gains(logs: Mapping[str, PositionLog]) -> list[str]:

@@ -30,7 +30,7 @@ _SHARE, _LEAST_STEPS = 0.2, 4  # of the horizon, and at least so many steps, ove
 _TO_DEVIATION = 1.4826  # of a normal distribution, from its median absolute deviation
 _LEAST = 0.3  # of the drift, that is left to the velocity
 _WINDOWS, _FEWEST, _RUNS = 24, 8, 600  # to tell by: windows, and predictions of all of them for each coordinate
-_FASTER, _GOES_ON = 1e-3, 0.5  # rad/s, m/s; of x t
+_FASTER, _GOES_ON = 1e-3, 0.5  # rad/s, m/s; of x t, or of x
 _SEED = 0
 _MOST = 5000  # rows to tell by
 
@@ -63,7 +63,9 @@ def adrift(evidence: Evidence, horizon: int) -> np.ndarray:
     """Places in v of bodies that float, and of what goes on as it begins: faster by x, it ends ahead by most of x t.
 
     By the file, over some windows of the ``horizon``: what a servo or damping has pulled back by its end needs no start
-    of its own, and would hide in one that the file's damping is wrong. None of them of a log of states.
+    of its own, and would hide in one that the file's damping is wrong. What no actuator drives and swings, such as a
+    hanging load, comes back without forgetting: it counts where it is faster or slower by most of x in the second half.
+    None of them of a log of states.
     """
     if not evidence.positions_only:
         return np.empty(0, dtype=np.int64)
@@ -81,19 +83,29 @@ def _adrift(evidence: Evidence, steps: int) -> np.ndarray:
     row, kind = np.arange(len(q)), np.repeat(kinds, len(starts))
     faster = kind < scene.nv
     v[row[faster], kind[faster]] += _FASTER
+    own, swings = (np.arange(scene.nv * len(starts)), kind[faster]), np.zeros(scene.nv)
     for j in range(steps):
         step = model.predict(q, v, np.tile(log.u[starts + j], (len(kinds), 1)), theta=physical)
         q, v = step.q_next, step.v_next
+        if 2 * j >= steps:
+            change = (v[faster] - np.tile(v[~faster], (scene.nv, 1)))[own] / _FASTER
+            swings = np.maximum(swings, _typical(np.abs(change), scene.nv))
     alike, moved = np.tile(q[~faster], (scene.nv, 1)), q[faster]
-    ahead = scene.difference(alike, moved)[np.arange(len(moved)), kind[faster]] / (_FASTER * steps * log.dt)
-    share = np.median(np.nan_to_num(ahead).reshape(scene.nv, -1), axis=1)
+    share = _typical(scene.difference(alike, moved)[own] / (_FASTER * steps * log.dt), scene.nv)
+    driven = np.isin(kinds[:-1], scene.core.act_line)
+    goes_on = (share > _GOES_ON) | ((swings > _GOES_ON) & ~driven)
     floats = [
         place
         for joint in scene.joints
         if free_joint(scene) == scene.joint_names[joint.source]
         for place in range(joint.vadr, joint.vadr + (3 if joint.kind == JointKind.BALL else 1))
     ]
-    return np.flatnonzero(((share > _GOES_ON) & evidence.measured) | np.isin(kinds[:-1], floats))
+    return np.flatnonzero((goes_on & evidence.measured) | np.isin(kinds[:-1], floats))
+
+
+def _typical(change: np.ndarray, count: int) -> np.ndarray:
+    """Medians (``count``,) over windows, of as many for each coordinate."""
+    return np.asarray(np.median(np.nan_to_num(change).reshape(count, -1), axis=1))
 
 
 def _steps(horizon: int) -> int:

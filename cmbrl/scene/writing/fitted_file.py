@@ -139,6 +139,7 @@ def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
                 [*core.link_force[k], *core.link_torque[k], *arms]
             )
     blocks = P[first:].reshape(-1, len(CONTACT_FIELDS))
+    blocks[:, CONTACT_FIELDS.index("radius")] += core.con_radiusB + core.con_margin  # how far apart they touch
     if scene.contact_law == "mujoco":
         blocks = meaning(blocks, softness)
     else:

@@ -7,41 +7,24 @@ out by reading the file again.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import mujoco
 import numpy as np
 
 from cmbrl.scene.collision.contact_meaning import slower, softened
-from cmbrl.scene.collision.mixing import Mixed, collision_pairs, mixed, pair_label
 from cmbrl.scene.layout import ACTUATOR_FIELDS
-from cmbrl.scene.records import Array
 from cmbrl.scene.reduction import find_plane
-from cmbrl.scene.scene import Scene
 from cmbrl.scene.source.mjcf import name_of, read_tree
+from cmbrl.scene.writing.fitted_contacts import FittedContacts
 from cmbrl.scene.writing.inertials import Inertial, moved_parts, write_inertial
-
-_ROUND = (int(mujoco.mjtGeom.mjGEOM_SPHERE), int(mujoco.mjtGeom.mjGEOM_CAPSULE))  # the first size is the radius
 
 _GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
 _BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
 
 
-@dataclass(frozen=True)
-class FittedSpec:
-    """``spec`` and ``model`` of the scene's file, to be changed from the scene's P to ``P`` (nP,).
-
-    ``softness`` (ncontact,) is the factor on the softness of each contact, ``radii`` what to add to radii by geom.
-    """
-
-    scene: Scene
-    spec: mujoco.MjSpec
-    model: mujoco.MjModel
-    P: Array
-    softness: Array
-    radii: dict[str, float]
+class FittedSpec(FittedContacts):
+    """The whole specification."""
 
     def write(self) -> None:
         """Writes everything that an MJCF holds."""
@@ -53,11 +36,6 @@ class FittedSpec:
         if self._radii() or bodies:
             self._freeze_inertials()  # radii must not change masses
             self._inertials(bodies)
-
-    @cached_property
-    def change(self) -> Array:
-        """What is added to the nominal vector (nP,)."""
-        return self.P - self.scene.core.P
 
     def _lines(self) -> None:
         """Joints and tendons. What actuators reflect into them goes there, because fitted gears would scale it."""
@@ -149,52 +127,6 @@ class FittedSpec:
                 element = self._element("geoms", geom)
                 element.pos = np.asarray(element.pos) + height * normal.reshape(3, 3)[:, 2]
 
-    def _contacts(self) -> None:
-        """Friction and softness, as explicit pairs: geoms would mix theirs with those of the geoms they touch."""
-        scene, layout = self.scene, self.scene.layout
-        fields = [
-            layout.contact(0, f) - layout.contact(0)
-            for f in ("friction", "spin", "roll", "solref0", "solref1", "d0", "dmax", "width")
-        ]
-        rows = {name: k for k, name in reversed([*enumerate(scene.contact_names)])}
-        for first, second, pair in collision_pairs(self.model) if rows else ():
-            labels = pair_label(self.model, first, second), pair_label(self.model, second, first)
-            row = next((rows[label] for label in labels if label in rows), None)
-            if row is None:
-                continue
-            values = self.P[layout.contact(row) + np.array(fields)]
-            if np.array_equal(values, scene.core.P[layout.contact(row) + np.array(fields)]) and self.softness[row] == 1:
-                continue
-            law = mixed(self.model, first, second, pair)
-            friction, solref, solimp = law.friction, law.solref, law.solimp
-            friction[:2] = values[0]
-            for place, coefficient in ((slice(2, 3), values[1]), (slice(3, 5), values[2])):
-                friction[place] = coefficient or friction[place]  # 0 where the contact has none
-            if scene.contact_law == "mujoco":
-                solref[:], solimp[:3] = softened(*[*values[3:].tolist(), float(self.softness[row])])
-            element = self._element("pairs", pair) if pair >= 0 else self._add_pair(first, second, law)
-            element.friction, element.solref, element.solimp = friction, solref, solimp
-
-    def _add_pair(self, first: int, second: int, law: Mixed) -> Any:
-        names = []
-        for geom in (first, second):
-            element = self._element("geoms", geom)
-            element.name = element.name or name_of(self.model, "geom", geom)
-            names.append(element.name)
-        return self.spec.add_pair(
-            geomname1=names[0], geomname2=names[1], condim=law.dim, margin=law.margin, gap=law.gap
-        )
-
-    def _radii(self) -> bool:
-        """Radii of spheres and capsules; others have none. Returns whether one has changed."""
-        changed = False
-        for geom in range(self.model.ngeom):
-            radius = self.radii.get(name_of(self.model, "geom", geom), 0.0)
-            if radius and int(self.model.geom_type[geom]) in _ROUND:
-                self._element("geoms", geom).size[0] += radius
-                changed = True
-        return changed
-
     def _body(self, k: int) -> slice:
         """The places of a moving body in P."""
         return slice(self.scene.layout.mass(k), self.scene.layout.mass(k + 1))
@@ -235,15 +167,6 @@ class FittedSpec:
         compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
         compiler.settotalmass, compiler.balanceinertia = -1.0, False
         compiler.boundmass, compiler.boundinertia = 0.0, 0.0
-
-    def _element(self, kind: str, number: int) -> Any:
-        return self._elements[kind][number]
-
-    @cached_property
-    def _elements(self) -> dict[str, dict[int, Any]]:
-        """Elements of the specification by kind and number in the compiled model."""
-        kinds = ("bodies", "joints", "geoms", "tendons", "actuators", "pairs")
-        return {kind: {element.id: element for element in getattr(self.spec, kind)} for kind in kinds}
 
 
 def _add(element: Any, field: str, value: float) -> None:
