@@ -22,6 +22,10 @@ cmbrl import arm.csv --scene arm.xml --kp 60 --kp wrist=20 --kd 3 --out log.npz
 cmbrl import chirp.pt --scene leg.xml --joints hip thigh calf --kp 20 --kd 1.5 --out log.npz
 """
 
+TRUSTED = (
+    "--trust-log is not kept in the file: give it to fit, error and others, too, or they refuse what was warned of here"
+)
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -159,12 +163,13 @@ def run(arguments: argparse.Namespace) -> None:
     source = load_source(arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
     found = import_logs(arguments.files, source.scene, options)
     found.log.save(arguments.out)
+    notes = [*found.notes, *([TRUSTED] if arguments.trust_log else [])]
     kind = "transitions" if hasattr(found.log, "q") else "positions"
     if arguments.json:
         summary = {"file": arguments.out, "kind": kind, "rows": len(found.log), "episodes": found.log.n_episodes}
-        print(json.dumps({**summary, "dt": found.log.dt, "notes": found.notes}, indent=2))
+        print(json.dumps({**summary, "dt": found.log.dt, "notes": notes}, indent=2))
     else:
-        lines = [line for note in found.notes for line in textwrap.wrap(note, WIDTH, subsequent_indent="  ")]
+        lines = [line for note in notes for line in textwrap.wrap(note, WIDTH, subsequent_indent="  ")]
         print("\n".join([*lines, f"{arguments.out}: {len(found.log)} {kind} of {source.scene.name}"]))
 
 

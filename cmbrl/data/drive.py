@@ -129,7 +129,7 @@ def _apart(scene: Scene, actuator: int, servo: Drive) -> str:
     """The gains of ``servo`` beside those that the file has, at the joint."""
     P, layout = scene.core.P, scene.layout
     gear, *own = (float(P[layout.actuator(actuator, field)]) for field in ("gear", "bias1", "bias2"))
-    kp, kd = (-each * gear**2 for each in own)
+    kp, kd = (0.0 - each * gear**2 for each in own)  # not -0 of a file without kd
     return f"{servo.actuator}: kp {servo.kp:g} for {kp:g}, kd {servo.kd:g} for {kd:g}"
 
 

@@ -102,6 +102,24 @@ def test_torques_of_a_joint_without_a_motor_are_said_to_be_left_out(tmp_path: Pa
     np.savez(tmp_path / "log.npz", t=t, **columns)
     notes = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file)).notes
     assert "commands of caster are left out: no actuator of the file takes them" in notes
+    assert "not used: caster_torque" in notes
+    assert not [note for note in notes if note.startswith("not in the log")]
+
+
+def test_what_the_log_has_no_place_for_is_named(tmp_path: Path) -> None:
+    file = _robot(tmp_path, ("lift",), '<actuator><position name="a" joint="lift" kp="9"/></actuator>')
+    t = 0.01 * np.arange(40.0)
+    columns = {"lift_pos": np.sin(t), "lift_vel": np.cos(t), "lift_cmd": np.sin(t), "lift_torque": np.cos(t)}
+    np.savez(tmp_path / "log.npz", t=t, **columns)
+    for kind, left in (
+        ("positions", "velocity (lift_vel), torque (lift_torque)"),
+        ("transitions", "torque (lift_torque)"),
+    ):
+        notes = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file), Options(kind=kind)).notes
+        assert [note for note in notes if note.startswith(f"not in the log: {left}: ")]
+        assert "position: lift_pos = lift.position" in notes
+        assert not [note for note in notes if note.startswith("torque")]
+        assert ("velocity: lift_vel = lift.velocity" in notes) == (kind == "transitions")
 
 
 def test_commands_of_servos_of_velocities_are_velocities(tmp_path: Path) -> None:

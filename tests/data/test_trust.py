@@ -49,3 +49,15 @@ def test_commands_take_a_log_that_is_trusted(
     assert "cmbrl: warning: joint_position of joint 'elbow' is constant from row 700" in found.err
     assert "mean absolute position error" in found.out
     assert np.isfinite(float(found.out.split("all")[1].split()[0]))
+
+
+def test_an_import_says_that_later_commands_need_trust_too(
+    stuck: tuple[Path, PositionLog], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, log = stuck
+    names = np.array(log.joint_names)
+    np.savez(tmp_path / "raw.npz", time=log.time, q=log.position, target=log.command, joint_names=names)
+    told = ["import", str(tmp_path / "raw.npz"), "--scene", str(file), "--out", str(tmp_path / "log.npz")]
+    assert main([*told, "--trust-log"]) == 0
+    assert "--trust-log is not kept in the file: give it to fit" in capsys.readouterr().out
+    assert main(["error", "nominal", "--data", str(tmp_path / "log.npz"), "--scene", str(file), "--open-loop"]) == 2

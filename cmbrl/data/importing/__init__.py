@@ -9,7 +9,7 @@ from itertools import zip_longest
 from typing import Any
 
 from cmbrl.data.drive import scene_of
-from cmbrl.data.importing import base, build, compensation, feet, whereabouts, whole_arrays
+from cmbrl.data.importing import base, build, compensation, controls, feet, kept, whereabouts, whole_arrays
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.commanded import Commanded, idle
@@ -21,7 +21,7 @@ from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.series import series_of
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
-from cmbrl.data.importing.told import UNUSED, no_column, short, told, used
+from cmbrl.data.importing.told import UNUSED, no_column, short, told
 from cmbrl.data.importing.untold import assumed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
@@ -52,7 +52,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     if poses and len(poses) != len(recordings):
         raise UserError(f"{len(recordings)} logs and {len(poses)} of the base: give one file of the base for each log")
     counts = Counts()
-    series, columns, slower = _series(recordings, poses, scene, options, counts)
+    series, read_as, columns, slower = _series(recordings, poses, scene, options, counts)
     masters = [key for key in series[0][1] if key[1] == "position"] or list(series[0][1])
     step = usual_step([found[key] for _, found in series for key in masters])
     dt = 1 / options.rate if options.rate else step
@@ -85,6 +85,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         raise UserError("transitions have no place for kp and kd: write them into the file, or import positions")
     gains_told |= any(name.partition(".")[0] in ("kp", "kd") for name in recordings[0].constants)
     kind = options.kind or ("positions" if captured or by_feet else _kind(keys, scene, gains_told))
+    columns = [*kept.columns_told(read_as, keys, kind, scene, without), *columns]
     sizes = f"{counted(len(episodes), 'episode')} from {counted(len(paths), 'file')}"
     notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns, *by_feet]
     log: Transitions | PositionLog
@@ -94,7 +95,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         log = build.positions(episodes, dt, scene, commanded, gains, place_told=not by_feet)
         scene_of(log, scene)  # a motor that got targets needs the gains of its servo
     else:
-        if wanted := build.undriven(keys, scene):
+        if wanted := controls.undriven(keys, scene):
             raise UserError(
                 f"{series[0][0]}: {wanted}{''.join(f'; {note}' for note in columns if note.startswith(UNUSED))}"
             )
@@ -112,8 +113,9 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
 
 def _series(
     recordings: Sequence[Recording], poses: Sequence[Recording], scene: Scene, options: Options, counts: Counts
-) -> tuple[list[tuple[str, dict[Key, Series]]], list[str], bool]:
-    """The series of each episode and where it is from, which columns are used, and whether poses came more slowly."""
+) -> tuple[list[tuple[str, dict[Key, Series]]], kept.ReadAs, list[str], bool]:
+    """The series of each episode and where it is from, what columns are, notes, and whether poses come more slowly."""
+    first: kept.ReadAs = ((), {})
     found: list[tuple[str, dict[Key, Series]]] = []
     notes: list[str] = []
     clocks: list[str] = []
@@ -132,8 +134,7 @@ def _series(
             targets |= match(part, {name: given[name] for name in part if name in given}, scene, options.angles)
         matched.append((recording, targets))
         mapped |= given
-        if not notes:
-            notes = used(columns, {name: ".".join(filter(None, target.key)) for name, target in targets.items()})
+        first = first if first[0] else (columns, targets)
         episodes = [
             {key: one.earlier(late) if one.kind == "held" else one for key, one in series.items()}
             for series in series_of(recording, targets, options.rate, scene, counts)
@@ -168,7 +169,7 @@ def _series(
                     "robots? Import logs of one robot, recorded alike"
                 )
             found.append((recording.where, series))
-    return found, notes + assumed(matched, mapped, scene, options.angles) + clocks, bool(clocks)
+    return found, first, notes + assumed(matched, mapped, scene, options.angles) + clocks, bool(clocks)
 
 
 def _check_whole(

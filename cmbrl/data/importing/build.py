@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.data.drive import law_of
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, Floating, joints_of
 from cmbrl.data.importing.commanded import Commanded, wanted
+from cmbrl.data.importing.controls import controls
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame, in_frame, smoothed
@@ -141,7 +141,7 @@ def transitions(
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     estimated: list[str] = []
     for episode in episodes:
-        q, u = configurations(episode, scene), _controls(episode, scene)
+        q, u = configurations(episode, scene), controls(episode, scene)
         if len(q) < window + 2:
             continue
         smooth = smoothed(q, dt, window, scene)
@@ -214,36 +214,3 @@ def _framed(
     if check:
         check_frame(base.name, what, frame, given, in_frame("body", "world", turn, told) if linear else told, turn)
     return in_frame("world" if linear else "body", str(frame), turn, given)
-
-
-def undriven(keys: set[Key], scene: Scene) -> str | None:
-    """What to do about the first actuator whose control ``keys`` do not tell; None if they tell all."""
-    for a, name in enumerate(scene.actuator_names):
-        sources = [key for key, _ in _sources(scene, a)]
-        if not any(key in keys for key in sources):
-            own = f", or its control by COLUMN={name}.control" if len(sources) > 1 else ""
-            return f"no column for actuator {name!r}: map one by --map COLUMN={'.'.join(sources[-1])}{own}"
-    return None
-
-
-def _controls(episode: Episode, scene: Scene) -> np.ndarray:
-    """Controls (T, nu): logged as such, or from position targets or torques by gear and gain of the file."""
-    u = np.zeros((len(next(iter(episode.values()))), scene.nu))
-    for a in range(scene.nu):
-        key, factor = next(source for source in _sources(scene, a) if source[0] in episode)
-        u[:, a] = episode[key][:, 0] * factor
-    return u
-
-
-def _sources(scene: Scene, a: int) -> list[tuple[Key, float]]:
-    """Columns that tell the control of actuator ``a``, each with the factor to it; those that come first count."""
-    gear, gain, bias = (float(scene.core.P[scene.layout.actuator(a, field)]) for field in ("gear", "gain", "bias1"))
-    sources = [((scene.actuator_names[a], "control"), 1.0)]
-    line = int(scene.core.act_line[a])
-    for owner in (joint.name for joint in joints_of(scene)[0] if joint.vadr == line):
-        kind, scale = law_of(scene, a)
-        if kind != "torque":
-            sources.append(((owner, "command"), scale))
-        elif bias == 0 and gear * gain != 0:
-            sources.append(((owner, "torque"), 1 / (gear * gain)))
-    return sources

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from cmbrl.data.importing import whole_arrays
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
+from cmbrl.data.importing.targets import Target
 from cmbrl.data.loops import to_hold
 from cmbrl.scene import Scene
 from cmbrl.scene.info.columns import counted
@@ -22,12 +23,24 @@ def short(names: Sequence[str], most: int = 12) -> str:
     return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
-def used(columns: Sequence[str], targets: Mapping[str, str]) -> list[str]:
-    by: dict[str, list[str]] = {}
+def used(columns: Sequence[str], targets: Mapping[str, Target], dropped: Collection[str], why: str) -> list[str]:
+    """What ``columns`` are taken for; those ``dropped`` are understood, and are not in the log for the reason ``why``.
+
+    >>> used(["a", "b", "c"], {"a": Target("hip", "position"), "b": Target("hip", "velocity")}, ["b"], "no place")
+    ['position: a = hip.position', 'not in the log: velocity (b): no place', 'not used: c']
+    """
+    held: dict[str, list[str]] = {}
+    left: dict[str, list[str]] = {}
     for column, target in targets.items():
-        quantity = target.rpartition(".")[2]
-        by.setdefault(_OF_BASES.get(quantity, quantity), []).append(f"{column} = {target}")
-    notes = [f"{quantity}: {short(pairs, 3)}" for quantity, pairs in by.items()]
+        quantity = _OF_BASES.get(target.quantity, target.quantity)
+        if column in dropped:
+            left.setdefault(quantity, []).append(column)
+        else:
+            held.setdefault(quantity, []).append(f"{column} = {'.'.join(filter(None, target.key))}")
+    notes = [f"{quantity}: {short(pairs, 3)}" for quantity, pairs in held.items()]
+    if left:
+        parts = [f"{quantity} ({short(names, 3)})" for quantity, names in left.items()]
+        notes.append(f"not in the log: {', '.join(parts)}: {why}")
     if unused := [name for name in columns if name not in targets]:
         notes.append(f"{UNUSED}: {short(unused)}")
     return notes
