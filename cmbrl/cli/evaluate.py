@@ -183,7 +183,7 @@ def _table(found: dict[str, Evaluation], failure: str) -> str:
         rows.append((str(k), [f"{e.returns[k]:.4g}, {e.lengths[k]:d}" for e in columns]))
     for name, measure in (("mean", np.mean), ("st.dev.", np.std)):
         rows.append((name, [f"{measure(e.returns):.4g}, {measure(e.lengths):.0f}" for e in columns]))
-    rows.append((failure[:12], [str(int(e.terminated.sum())) for e in columns]))
+    rows.append((failure, [str(int(e.terminated.sum())) for e in columns]))
     for name in columns[0].info:
         rows.append((f"mean {name}", [f"{e.info[name].mean():.4g}" if name in e.info else "" for e in columns]))
     first = max(8, *(len(name) for name, _ in rows))

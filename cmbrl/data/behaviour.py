@@ -88,7 +88,8 @@ def load_policy(path: str | Path) -> PolicyFunction:
         raise UserError(f"{path}: not a TorchScript policy ({first}); save it with torch.jit.script") from None
     if told[LAST_ACTIONS] not in (b"", b"0"):
         count = told[LAST_ACTIONS].decode()
-        raise UserError(f"{path}: the policy observes its last {count} actions: record by one of --set last_actions=0")
+        late = "last action" if count == "1" else f"last {count} actions"
+        raise UserError(f"{path}: the policy observes its {late}: record by one of --set last_actions=0")
 
     def policy(observation: np.ndarray) -> np.ndarray:
         try:

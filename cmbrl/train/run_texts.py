@@ -14,10 +14,19 @@ def commands_text(told: Mapping[str, Any]) -> str:
     """
     late = f"commands {1e3 * told['delay']:.3g} ms late with a lag of {1e3 * told['lag']:.3g} ms, as in the model"
     count = told["last_actions"]
-    seen = (
-        f"the policy observes its last {count} actions" if count else "too short for the policy to observe any action"
-    )
+    seen = "too short for the policy to observe any action"
+    if count:
+        seen = f"the policy observes its {last_actions_text(count)}"
     return f"{late}; {seen}"
+
+
+def last_actions_text(count: int) -> str:
+    """Some of the last actions, counted.
+
+    >>> last_actions_text(1), last_actions_text(2)
+    ('last action', 'last 2 actions')
+    """
+    return "last action" if count == 1 else f"last {count} actions"
 
 
 def progress_text(row: Mapping[str, float]) -> str:

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from cmbrl.errors import UserError
 from cmbrl.train.policy import Architecture
 from cmbrl.train.policy_file import load_policy
+from cmbrl.train.run_texts import last_actions_text
 
 _OPTIONS = {"hidden": "actor_hidden"}  # of --set
 _SIZES = ("observations", "last_actions")
@@ -41,7 +42,7 @@ def check(folder: str, have: Architecture, wanted: Architecture) -> None:
         )
     if have.last_actions > wanted.last_actions:
         raise UserError(
-            f"--start {folder}: that policy observes its last {have.last_actions} actions, this run's "
+            f"--start {folder}: that policy observes its {last_actions_text(have.last_actions)}, this run's "
             f"{wanted.last_actions}: give --set last_actions={have.last_actions}"
         )
     layers, own = asdict(have), asdict(wanted)

@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from cmbrl.cli.evaluate import _table
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
 from cmbrl.mdp import MDP, never
 
@@ -58,3 +59,4 @@ def test_an_episode_that_is_lost_ends_in_the_real_system_as_in_a_model() -> None
     for found in (real, model):
         assert found.returns.tolist() == [LAST - 1, 10]  # the step that is lost earns nothing
         assert found.lengths.tolist() == [LAST, 10]
+    assert "hits the stop                       1" in _table({"real": real}, "hits the stop")

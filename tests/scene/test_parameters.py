@@ -216,6 +216,18 @@ def test_what_is_zero_in_the_file_may_be_as_large_as_motors_bear(
     assert high["frictionloss"] == pytest.approx(max(0.03, 0.25 * strength))
 
 
+def test_gains_are_of_angles_or_lengths(load: Load) -> None:
+    body = '<body><joint name="{0}" type="{0}"/><geom size=".1"/></body>'
+    servo = '<position joint="{0}" kp="9" kv="2"/><velocity joint="{0}" kv="3"/>'
+    gains = "".join(servo.format(kind) for kind in ("hinge", "slide"))
+    scene, _ = load(body.format("hinge") + body.format("slide"), f"<actuator>{gains}</actuator>")
+    units = [(p.group, p.unit) for p in scene.parameters if p.group in ("kp", "kd", "kv")]
+    hinge, slide = (("kp", "N m/rad"), ("kd", "N m s/rad"), ("kv", "N m s/rad")), (
+        ("kp", "N/m"), ("kd", "N s/m"), ("kv", "N s/m"),
+    )  # fmt: skip
+    assert units == [*hinge, *slide]
+
+
 def test_masses_soften_contacts(load: Load) -> None:
     """As MuJoCo's inverse weights do: exactly where bodies are free, by value and slope in trees."""
     free = '<body pos="{0} 0 1"><freejoint/><geom name="g{0}" size=".1" mass="{0}"/></body>'

@@ -112,6 +112,13 @@ def test_all_refusals_come_in_one_line(load: Load) -> None:
         load(world, rest, ignore=["tendn"])
 
 
+def test_one_element_of_two_kinds_is_one(load: Load) -> None:
+    world, muscle = actuator("muscle", 'lengthrange="0 1"')
+    with pytest.raises(UserError, match=r"'motor' is not supported: .* \(nor is its actuator_\w+\); remove it") as told:
+        load(world, muscle)
+    assert "more element" not in str(told.value)
+
+
 SUPPORTED = {
     "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
     "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "option"),

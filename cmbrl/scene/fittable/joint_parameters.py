@@ -198,18 +198,21 @@ def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: 
     joint = next((j for j in tree.joints if j.kind != JointKind.BALL and j.vadr == actuator.line), None)
     if actuator.gear and joint:
         _offer_limits(actuator, joint.kind == JointKind.SLIDE, layout, k, out)
+    units = ("1", "1")  # of a tendon or a site, which may be a length or an angle
+    if joint:
+        units = ("N/m", "N s/m") if joint.kind == JointKind.SLIDE else ("N m/rad", "N m s/rad")
     if actuator.gear and not stiffness and damping > 0 and actuator.gain == damping:
         places = [layout.actuator(k, field) for field in ("gain", "bias2")]
         share = np.array([1.0, -1.0])
-        out.add("kv", actuator.name, damping, damping / 5, damping * 5, "1", places, share, reach=_GAIN)
+        out.add("kv", actuator.name, damping, damping / 5, damping * 5, units[1], places, share, reach=_GAIN)
     if not servo:
         return
     held = {"gain": actuator.gain / stiffness, "bias1": -1.0, "bias0": float(actuator.bias[0]) / stiffness}
     held = {field: each for field, each in held.items() if each}
     places, shares = [layout.actuator(k, field) for field in held], np.array(list(held.values()))
-    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, "1", places, shares, reach=_GAIN)
+    out.add("kp", actuator.name, stiffness, stiffness / 5, stiffness * 5, units[0], places, shares, reach=_GAIN)
     if damping > 0:
-        out.add("kd", actuator.name, damping, damping / 20, damping * 20, "1", [layout.actuator(k, "bias2")], -1.0)
+        out.add("kd", actuator.name, damping, damping / 20, damping * 20, units[1], [layout.actuator(k, "bias2")], -1.0)
 
 
 def _offer_limits(actuator: Actuator, slides: bool, layout: Layout, k: int, out: Collector) -> None:

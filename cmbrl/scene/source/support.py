@@ -79,9 +79,13 @@ class Gate:
             return
         kind, elements = next(iter(self._refused.items()))
         name, why = elements[0]
-        count = sum(len(found) for found in self._refused.values()) - 1
-        kinds, remedy = ", ".join(self._refused), " ".join(f"--ignore {each}" for each in self._refused)
-        more = f" (and {count} more element{'s' if count > 1 else ''} of kind {kinds})" if count else ""
+        # One element may be refused for several kinds, such as the dynamics and the bias of an actuator.
+        refused = {(each.partition("_")[0], of) for each, found in self._refused.items() for of, _ in found}
+        count, remedy = len(refused) - 1, " ".join(f"--ignore {each}" for each in self._refused)
+        kinds = list(self._refused)
+        more = f" (nor is its {' nor its '.join(kinds[1:])})" if kinds[1:] else ""
+        if count:
+            more = f" (and {count} more element{'s' if count > 1 else ''} of kind {', '.join(kinds)})"
         raise UserError(
             f"{self.file}: {kind} {name!r} is not supported: {why}{more}; remove it from the file or pass {remedy}"
         )
