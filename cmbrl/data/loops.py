@@ -4,7 +4,8 @@ A file closes a loop by connecting two bodies at a point (an equality ``connect`
 freedom beside those that were logged, a log need not tell them. They are found by Gauss-Newton on the gaps of the
 loops, for all rows at once: from a pose in which loops are closed, the logged joints are moved to where they were in
 small steps, so that a linkage stays in the branch in which it was assembled. That pose is the file's, but within the
-limits of all joints: a file may be drawn at a dead centre that its robot never reaches, where branches meet.
+limits of all joints: a file may be drawn at a dead centre that its robot never reaches, where branches meet. Rows in
+which a joint is more than half a turn from that pose are closed from rows beside them (``loop_rows``).
 
 A rod on a ball joint may also spin about its own length, which moves nothing else. It is taken not to.
 """
@@ -16,17 +17,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.data.loop_gaps import OPEN, RANK, connected, gaps, nearer, slope
+from cmbrl.data.loop_rows import followed, looping
+from cmbrl.data.turns import TURN
 from cmbrl.errors import UserError
-from cmbrl.scene import kinematics
-from cmbrl.scene.records import WORLD, Joint, JointKind, TieKind
+from cmbrl.scene.records import Joint, JointKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 _STEPS, _ITERATIONS, _LAST = 12, 2, 20  # from the first pose, of each, and of the last one
-_RANK = 1e-6  # relative singular value below which a direction is free
-_CLOSED = 1e-9  # [m]
-_OPEN, _FEW = 2e-3, 0.01  # [m] and share of the rows: soft loops, and noise near the end of a range, leave less
+_FEW = 0.01  # share of the rows: noise near the end of a range leaves fewer open
 _OF_BALL = 3
 
 
@@ -36,16 +37,16 @@ def closing(scene: Scene, known: Collection[int]) -> list[int]:
     Of hinges and slides, and of ball joints, whose three places stand together.
     """
     unknown = [joint for joint in _inner(scene) if joint.vadr not in known]
-    if not unknown or not _connected(scene):
+    if not unknown or not connected(scene):
         return []
     places = _places(unknown)
-    slope = _slope(scene, _assembled(scene, places), places)[0]
-    slope = np.vstack([slope, *_spins(slope, unknown)])
-    _, size, rows = np.linalg.svd(slope)
+    change = slope(scene, _assembled(scene, places), places)[0]
+    change = np.vstack([change, *_spins(change, unknown)])
+    _, size, rows = np.linalg.svd(change)
     told = np.zeros(len(places))
     told[: len(size)] = size
-    free = np.abs(rows[told <= _RANK * max(float(told.max()), _RANK)])
-    held = dict(zip(places, (free <= _RANK**0.5).all(axis=0).tolist(), strict=True))
+    free = np.abs(rows[told <= RANK * max(float(told.max()), RANK)])
+    held = dict(zip(places, (free <= RANK**0.5).all(axis=0).tolist(), strict=True))
     return _places([joint for joint in unknown if all(held[place] for place in joint.dofs)])
 
 
@@ -72,34 +73,41 @@ def looped_joints(scene: Scene, places: Collection[int]) -> list[Joint]:
 
 def closed(scene: Scene, q: np.ndarray, places: list[int]) -> np.ndarray:
     """``q`` (T, nq) with the joints at ``places`` in v where they close the loops; raises UserError where none does."""
-    moved = _addresses(looped_joints(scene, places))
-    own, others = _assembled(scene, places)[0], np.setdiff1d(np.arange(scene.nq), moved)
-    at = np.tile(own, (len(q), 1))
+    if not len(q):
+        return q
+    moved, own = _addresses(looped_joints(scene, places)), _assembled(scene, places)[0]
+    turning = [j.qadr for j in looping(scene) if j.kind == JointKind.HINGE and j.vadr not in places]
+    turns = np.round((q - own)[:, turning] / TURN)
+    within, counted = q.copy(), q.copy()
+    within[:, turning] -= TURN * turns
+    counted[:, turning] -= TURN * turns[0]  # an encoder may count from any turn
+    at, near = _straight(scene, within, own, places, moved), (turns == turns[0]).all(axis=1)
+    if not near.all() and _open(scene, at[near]).sum() <= _FEW * len(q):
+        at = followed(scene, counted, at, near, places)
+    if _open(scene, at).mean() > _FEW:
+        names = ", ".join(repr(joint.name) for joint in looped_joints(scene, places))
+        raise UserError(
+            f"the logged joints leave loops of scene {scene.name!r} open by up to "
+            f"{1e3 * np.abs(gaps(scene, at)).max():.2g} mm: check their signs, units and zeros, or log {names} too"
+        )
+    at[:, turning] = q[:, turning]
+    return at
+
+
+def _straight(scene: Scene, q: np.ndarray, own: np.ndarray, places: list[int], moved: list[int]) -> np.ndarray:
+    """``q`` (T, nq) with those at ``places`` in v, ``moved`` in q, followed from the pose ``own`` (nq,) in one line."""
+    at, others = np.tile(own, (len(q), 1)), np.setdiff1d(np.arange(scene.nq), moved)
     along = np.intersect1d(others, [j.qadr for j in scene.joints if j.kind != JointKind.BALL])
     for step in range(1, _STEPS + 1):
         at[:, others] = q[:, others]
         at[:, along] = own[along] + step / _STEPS * (q[:, along] - own[along])
-        at = _nearer(scene, at, places, _ITERATIONS if step < _STEPS else _LAST)
-    apart = np.abs(_gaps(scene, at)).max(axis=1)
-    if (apart > _OPEN).mean() > _FEW:
-        names = ", ".join(repr(joint.name) for joint in looped_joints(scene, places))
-        raise UserError(
-            f"the logged joints leave loops of scene {scene.name!r} open by up to {1e3 * apart.max():.2g} mm: check "
-            f"their signs, units and zeros, or log {names} too"
-        )
+        at = nearer(scene, at, places, _ITERATIONS if step < _STEPS else _LAST)
     return at
 
 
-def _nearer(scene: Scene, q: np.ndarray, places: list[int], iterations: int) -> np.ndarray:
-    """``q`` (T, nq) after so many Gauss-Newton steps of the joints at ``places`` in v towards closed loops."""
-    for _ in range(iterations):
-        gap = _gaps(scene, q)
-        if np.abs(gap).max(initial=0.0) < _CLOSED:
-            break
-        step = np.zeros((len(q), scene.nv))
-        step[:, places] = -(np.linalg.pinv(_slope(scene, q, places), rcond=_RANK) @ gap[:, :, None])[:, :, 0]
-        q = scene.integrate(q, step)
-    return q
+def _open(scene: Scene, q: np.ndarray) -> np.ndarray:
+    """Rows (T,) of ``q`` (T, nq) in which a loop is open."""
+    return np.abs(gaps(scene, q)).max(axis=1) > OPEN
 
 
 def _assembled(scene: Scene, places: list[int]) -> np.ndarray:
@@ -114,8 +122,8 @@ def _assembled(scene: Scene, places: list[int]) -> np.ndarray:
     for joint in _inner(scene):
         for k in np.flatnonzero((core.lim_line == joint.vadr) & (core.lim_ball < 0)):
             within[0, joint.qadr] = np.clip(within[0, joint.qadr], core.lim_lo[k], core.lim_hi[k])
-    within = _nearer(scene, within, places, _LAST)
-    return within if np.abs(_gaps(scene, within)).max(initial=0.0) < _OPEN else q
+    within = nearer(scene, within, places, _LAST)
+    return within if np.abs(gaps(scene, within)).max(initial=0.0) < OPEN else q
 
 
 def _inner(scene: Scene) -> list[Joint]:
@@ -139,7 +147,7 @@ def _spins(slope: np.ndarray, unknown: list[Joint]) -> list[np.ndarray]:
 
     One that no loop holds may turn in three ways, and is not told by any.
     """
-    rows, first, least = [], 0, _RANK * max(float(np.abs(slope).max()), _RANK)
+    rows, first, least = [], 0, RANK * max(float(np.abs(slope).max()), RANK)
     for joint in unknown:
         own = slope[:, first : first + len(joint.dofs)]
         if joint.kind == JointKind.BALL:
@@ -150,39 +158,3 @@ def _spins(slope: np.ndarray, unknown: list[Joint]) -> list[np.ndarray]:
                 rows.append(row)
         first += len(joint.dofs)
     return rows
-
-
-def _connected(scene: Scene) -> list[int]:
-    """Numbers of the ties that close loops."""
-    return np.flatnonzero(scene.core.tie_type == TieKind.CONNECT).tolist()
-
-
-def _points(scene: Scene, k: int, places: np.ndarray, turns: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """The two bodies of tie ``k``, and where (T, D) each has its point, by the poses of all bodies."""
-    core, found = scene.core, []
-    for body, own in ((int(core.tie_A[k]), core.tie_posA[k]), (int(core.tie_B[k]), core.tie_posB[k])):
-        at = np.broadcast_to(own, places[:, 0].shape) if body == WORLD else places[:, body] + turns[:, body] @ own
-        found.append((body, at))
-    return found
-
-
-def _gaps(scene: Scene, q: np.ndarray) -> np.ndarray:
-    """Gaps (T, g) [m] of the loops at configurations ``q`` (T, nq)."""
-    poses = scene.body_poses(q)
-    pairs = (_points(scene, k, *poses) for k in _connected(scene))
-    return np.concatenate([a - b for (_, a), (_, b) in pairs], axis=1)
-
-
-def _slope(scene: Scene, q: np.ndarray, places: list[int]) -> np.ndarray:
-    """Derivatives (T, g, k) of the gaps in the joints at ``places`` in v."""
-    core, (pos, rot, anchors, axes) = scene.core, kinematics.poses(scene.core, q)
-    loops = []
-    for k in _connected(scene):
-        moves = np.zeros((len(q), pos.shape[2], scene.nv))
-        for (body, point), side in zip(_points(scene, k, pos, rot), (1.0, -1.0), strict=True):
-            for j in kinematics.joints_above(core, body):
-                moved = kinematics.motion(core, j, axes[:, j], point - anchors[:, j])
-                first = int(core.jnt_vadr[j])
-                moves[:, :, first : first + moved.shape[2]] += side * moved
-        loops.append(moves[:, :, places])
-    return np.concatenate(loops, axis=1)

@@ -11,7 +11,8 @@ import pytest
 from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import import_logs
 from cmbrl.data.importing.build import configurations
-from cmbrl.data.loops import _gaps, _slope, closed, closing, to_hold
+from cmbrl.data.loop_gaps import gaps, slope
+from cmbrl.data.loops import closed, closing, to_hold
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
 from cmbrl.fitting.log.evidence import Evidence
@@ -62,8 +63,8 @@ def test_a_log_of_the_crank_alone_has_all_joints() -> None:
     log = log_of(0.5 * np.sin(2.0 * TIME))
     found = estimated(log, scene)
     np.testing.assert_allclose(gap(found.q[:, :3]), 0.0, atol=1e-8)
-    slope = np.gradient(found.q[:, 2], 0.01)
-    np.testing.assert_allclose(found.v[5:-5, 2], slope[5:-5], atol=2e-3)
+    rates = np.gradient(found.q[:, 2], 0.01)
+    np.testing.assert_allclose(found.v[5:-5, 2], rates[5:-5], atol=2e-3)
     assert log.measured(scene).tolist() == [True, False, False, True]
 
 
@@ -170,7 +171,7 @@ def test_loops_tell_a_rod_on_a_ball_joint() -> None:
         joint_names=("knee", "hung"), actuator_names=("knee",),
     )  # fmt: skip
     found = estimated(log, scene)
-    assert np.abs(_gaps(scene, found.q)).max() < 1e-8
+    assert np.abs(gaps(scene, found.q)).max() < 1e-8
     ahead = scene.difference(found.q, found.q_next) / log.dt
     np.testing.assert_allclose(found.v[5:-5, rod : rod + 3], ahead[5:-5, rod : rod + 3], atol=0.02)
     along = found.v[:, rod : rod + 3] @ np.array([1.0, 0.0, 0.0])  # the rod's length, in its own axes
@@ -183,10 +184,10 @@ def test_slopes_of_loops_agree_with_differences() -> None:
     for text in (FOUR_BAR, ROD):
         scene = Scene.from_mjcf(text)
         q = scene.integrate(np.tile(scene.q0, (3, 1)), 0.3 * draw.standard_normal((3, scene.nv)))
-        slope = _slope(scene, q, list(range(scene.nv)))
+        slopes = slope(scene, q, list(range(scene.nv)))
         for k, e in enumerate(small * np.eye(scene.nv)):
-            ahead, behind = (_gaps(scene, scene.integrate(q, x)) for x in (e, -e))
-            np.testing.assert_allclose(slope[:, :, k], (ahead - behind) / (2 * small), atol=1e-8)
+            ahead, behind = (gaps(scene, scene.integrate(q, x)) for x in (e, -e))
+            np.testing.assert_allclose(slopes[:, :, k], (ahead - behind) / (2 * small), atol=1e-8)
 
 
 def test_what_is_to_be_held_jams_no_loop() -> None:
