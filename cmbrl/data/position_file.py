@@ -78,7 +78,7 @@ def fields_of(found: dict[str, np.ndarray]) -> dict[str, Any]:
         raise UserError(
             f"no {', '.join(missing) or 'commanded_position, no torque and no control'} in the file (it has "
             f"{', '.join(sorted(found)) or 'nothing'}); a position log needs time, joint_position, joint_names, and "
-            "commanded_position, torque or control"
+            "commanded_position, torque or control, without columns where nothing is driven"
         )
     fields: dict[str, Any] = {
         key: found[key]

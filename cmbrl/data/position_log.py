@@ -32,8 +32,9 @@ class PositionLog:
     """T samples of one robot. In row i, ``position[i]`` is measured at ``time[i]``; ``command[i]`` holds to row i + 1.
 
     Column k of ``command`` is for actuator ``actuator_names[k]``; without these names it is for the actuator of joint
-    ``joint_names[k]``. The rows of an episode are contiguous, and time rises within it by nearly equal steps.
-    Construction checks shapes and values and raises :class:`cmbrl.UserError` that names the array and the row.
+    ``joint_names[k]``. It has no columns where nothing is driven. The rows of an episode are contiguous, and time rises
+    within it by nearly equal steps. Construction checks shapes and values and raises :class:`cmbrl.UserError` that
+    names the array and the row.
     """
 
     time: np.ndarray  #: (T,) [s]
@@ -59,7 +60,7 @@ class PositionLog:
         actuators = names(self.actuator_names, "actuator_names")
         if actuators:
             checks.unique_names(actuators, "actuator_names", command.shape[1], key)
-        elif command.shape[1] != len(joints):
+        elif command.shape[1] not in (0, len(joints)):  # none, of what hangs without a motor
             raise UserError(
                 f"{key} has {command.shape[1]} columns for {len(joints)} joints; name its columns by actuator_names"
             )
@@ -94,7 +95,7 @@ class PositionLog:
     @property
     def command_names(self) -> tuple[str, ...]:
         """What the columns of ``command`` are called: actuators, or else joints."""
-        return self.actuator_names or self.joint_names
+        return self.actuator_names or self.joint_names[: self.command.shape[1]]
 
     def select(self, rows: Any) -> PositionLog:
         """The rows of an index array, a mask (T,) or a slice; raises UserError where time steps become uneven."""
@@ -142,6 +143,8 @@ class PositionLog:
                     told = did_you_mean(name, scene.actuator_names)
                     raise UserError(f"actuator {name!r} of the log is not in scene {scene.name!r}: {told}")
             return np.array([scene.actuator_names.index(name) for name in self.actuator_names], dtype=np.int64)
+        if not self.command.shape[1]:
+            return np.zeros(0, dtype=np.int64)
         lines = scene.core.act_line.tolist()
         found = []
         for name, coordinate in zip(self.joint_names, self.coordinates(scene).tolist(), strict=True):

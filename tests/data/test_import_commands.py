@@ -95,6 +95,15 @@ def test_torques_over_a_urdf_without_motors_are_not_dropped_in_silence(tmp_path:
     assert import_logs([tmp_path / "log.npz"], scene, left).log.u.shape[1] == 0  # type: ignore[union-attr]
 
 
+def test_a_machine_without_actuators_has_a_position_log_too(tmp_path: Path) -> None:
+    file = _robot(tmp_path, ("upper", "lower"), "")
+    t = 0.01 * np.arange(40.0)
+    np.savez(tmp_path / "log.npz", t=t, upper=np.sin(9 * t), lower=np.cos(9 * t))
+    log = import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file), Options(kind="positions")).log
+    assert isinstance(log, PositionLog)
+    assert log.command.shape == (40, 0)
+
+
 def test_torques_of_a_joint_without_a_motor_are_said_to_be_left_out(tmp_path: Path) -> None:
     file = _robot(tmp_path, ("lift", "caster"), '<actuator><motor name="a" joint="lift"/></actuator>')
     t = 0.01 * np.arange(40.0)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cmbrl import UserError
+from cmbrl.data.estimation import estimated
 from cmbrl.data.position_log import PositionLog
 from cmbrl.scene import Scene
 
@@ -94,6 +95,19 @@ def test_joints_without_an_actuator() -> None:
     for kind, told in (("position", "position --kp GAIN"), ("torque", "motor")):
         with pytest.raises(UserError, match=rf"'hip' has a command .* no actuator .*--actuators {told}`"):
             make(command_kind=kind).check(bare)
+
+
+def test_a_machine_without_actuators_needs_no_commands(tmp_path: Path, leg: Scene) -> None:
+    bare = Scene.from_mjcf(
+        '<mujoco><worldbody><body><joint name="hip"/><geom size=".1" pos="0 0 -.5"/><body pos="0 0 -1">'
+        '<joint name="knee"/><geom size=".1" pos="0 0 -.5"/></body></body></worldbody></mujoco>'
+    )
+    make(command=np.zeros((20, 0))).save(tmp_path / "log.npz")
+    log = PositionLog.load(tmp_path / "log.npz")
+    assert log.command_names == ()
+    assert estimated(log, bare).u.shape == (19, 0)
+    with pytest.raises(UserError, match=r"has no command in the log; log it, or remove it from the file"):
+        log.check(leg)
 
 
 @pytest.mark.parametrize(
