@@ -44,7 +44,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="COLUMN=TARGET|FILE",
         help="what a column is, as hip.position:deg, hip.velocity:rpm, hip.command, hip.torque, motor.control, "
         "base.qw, base.wx, time:ms, episode, or - for nothing; of an array, the quantity alone: qpos=position:deg, or "
-        "obs=-; or a YAML file of such pairs (repeatable). Columns with the names of joints are found without it",
+        "obs=-; or a YAML file of such pairs (repeatable). A unit may have a factor before it: hip.position:0.17578deg "
+        "of counts. Columns with the names of joints are found without it",
     )
     parser.add_argument(
         "--joints",

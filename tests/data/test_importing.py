@@ -141,7 +141,13 @@ def test_ball_joints_and_several_bodies_are_known_by_their_names(
         ({"a": "elbow.positon"}, "joint 'elbow' has no 'positon': did you mean 'position'"),
         ({"a": "elbow.position:grad"}, "'grad' is no unit of this angle: did you mean 'rad'"),
         ({"a": "elbow.position:mm"}, "'mm' is no unit of this angle"),
-        ({"a": "elbow.velocity:-deg/s"}, "'-deg/s' is no unit of this angular speed"),
+        ({"a": "elbow.velocity:deg/s+3"}, r"'deg/s\+3' is no unit of this angular speed"),
+        ({"a": "elbow.position:counts"}, "counts have no unit: give what one count is, such as 0.17578deg"),
+        ({"a": "elbow.torque:-2raw"}, "counts have no unit: give what one count is, such as 0.01N m"),
+        ({"a": "elbow.position:0deg"}, "give a factor other than 0"),
+        ({"a": "elbow.position:1e999"}, "give a factor other than 0"),
+        ({"a": "time:-1ms"}, "time goes forwards: give a positive factor"),
+        ({"a": "episode:2"}, "episodes have no unit"),
         ({"a": "elbow.position:-grad+3"}, "'grad' is no unit of this angle"),
         ({"a": "elbow.torque:N"}, "'N' is no unit of this torque"),
         ({"a": "elbow.qw"}, "joint 'elbow' has no 'qw'"),
@@ -191,6 +197,25 @@ def test_other_signs_zeros_and_shares_of_a_range(imported: Import, log: Position
     found = imported(Options(given), **columns).log
     np.testing.assert_allclose(found.position, log.position)
     np.testing.assert_allclose(found.command, log.command)
+
+
+@pytest.mark.parametrize(
+    ("text", "factor", "zero"),
+    [
+        ("elbow.position:0.17578deg", np.radians(0.17578), 0.0),
+        ("elbow.position:-0.5 deg-90", np.radians(-0.5), -np.pi / 2),
+        ("elbow.position:0.00307", 0.00307, 0.0),
+        ("elbow.command:2e-3+.5", 2e-3, 0.5),
+        ("wrist.position:.5+-percent", 0.5 * 2.5 / 100, 0.0),
+        ("elbow.velocity:-.5rpm", -np.pi / 60, 0.0),
+        ("elbow.velocity:-deg/s", -np.pi / 180, 0.0),
+        ("elbow.torque:-3.5mN m", -3.5e-3, 0.0),
+        ("time:0.5ms", 5e-4, 0.0),
+    ],
+)
+def test_factors_of_units(text: str, factor: float, zero: float, scene: Scene) -> None:
+    found = match(["a"], {"a": text}, scene)["a"]
+    assert (found.factor, found.zero) == pytest.approx((factor, zero))
 
 
 def test_a_share_needs_a_range() -> None:

@@ -81,7 +81,7 @@ class Target:
 def parse(text: str, scene: Scene) -> Target | None:
     """``joint.quantity:unit``, ``base.qw``, ``actuator.control``, ``time:ms`` or ``episode``; None for ``-``.
 
-    A unit may have a sign before it and what is to be added behind it, as ``-deg+90``; ``percent`` and ``+-percent``
+    A unit may have a factor before it and what is to be added behind it, as ``-deg+90``; ``percent`` and ``+-percent``
     are of the joint's range. Raises UserError that names what is unknown, and the nearest.
     """
     word, _, unit = text.strip().partition(":")
@@ -89,7 +89,7 @@ def parse(text: str, scene: Scene) -> Target | None:
     if word == "-":
         return None
     if word in ("time", "episode"):
-        return Target("", word, factor_of(unit, "time" if word == "time" else "number", text))
+        return Target("", word, factor_of(unit, word, text))
     owner, dot, quantity = word.rpartition(".")
     if not dot:
         raise UserError(f"--map: {shown(text)}: give JOINT.QUANTITY:UNIT, ACTUATOR.control, time:UNIT, episode or -")
