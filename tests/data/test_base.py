@@ -90,6 +90,19 @@ def test_joints_of_a_floating_robot_alone_ask_for_its_poses(walk):
         import_logs([walk["folder"] / "joints.npz"], walk["scene"])
 
 
+@pytest.mark.parametrize("carries", ["", '<body><joint name="lid"/><geom size=".1"/></body>'])
+def test_a_single_marker_tells_no_turn_of_a_body_that_carries_none(tmp_path, carries):
+    file, t = tmp_path / "ball.xml", 0.01 * np.arange(40.0)
+    file.write_text(
+        f"""<mujoco><worldbody><body><joint name="tilt"/><geom size=".1"/></body>
+        <body pos="0 0 1"><freejoint name="ball"/><geom size=".1"/>{carries}</body></worldbody></mujoco>"""
+    )
+    np.savez(tmp_path / "log.npz", t=t, tilt=np.sin(t), lid=np.sin(t), ball_x=t, ball_y=t, ball_z=1 - 4.9 * t**2)
+    more = "" if carries else ", or, of a marker that tells no turn, give the body three slides instead of a free joint"
+    with pytest.raises(UserError, match=rf"no column for ball.qw to qz: .* by --base{more}; columns"):
+        import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file))
+
+
 def test_positions_and_velocities_of_the_base(walk):
     log, _ = brought(walk, "joints.npz", capture="named.npz", base_offset=LATER)
     data = estimated(log, walk["scene"])

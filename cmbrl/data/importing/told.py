@@ -6,8 +6,10 @@ import difflib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from cmbrl.data.importing import whole_arrays
-from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
 from cmbrl.data.importing.targets import Target
 from cmbrl.data.loops import to_hold
@@ -54,7 +56,7 @@ def no_column(
     unused = [column for column in columns if column not in targets]
     return (
         f"no column for {wanted}{_resembling(word.rpartition('.')[0], unused, scene)}: map one by --map COLUMN={word}"
-        f"{whole_arrays.hint(columns, targets)}{_remedy(series, scene)}; columns: {short([*unused, *targets])}"
+        f"{whole_arrays.hint(columns, targets)}{_remedy(wanted, series, scene)}; columns: {short([*unused, *targets])}"
     )
 
 
@@ -66,8 +68,11 @@ def _resembling(joint: str, unused: Sequence[str], scene: Scene) -> str:
     return f" (is it {labels[near[0]]!r}?)" if near else ""
 
 
-def _remedy(series: Mapping[Key, Series], scene: Scene) -> str:
-    """What to do besides mapping, where the log tells some joints: hold the others, or give the poses of the base."""
+def _remedy(wanted: str, series: Mapping[Key, Series], scene: Scene) -> str:
+    """What to do besides mapping, where the log tells some joints: hold the others, or give the poses of the base.
+
+    Of a body alone whose place was logged and whose turn is ``wanted``, a single marker may be all there is.
+    """
     single, floating = joints_of(scene)
     absent = [joint.name for joint in single if (joint.name, "position") not in series]
     if len(absent) == len(single):
@@ -76,7 +81,19 @@ def _remedy(series: Mapping[Key, Series], scene: Scene) -> str:
         known = [joint.vadr for joint in single if joint.name not in absent]
         absent = to_hold(scene, known) or absent
         return f", or hold what no log tells: `cmbrl convert FILE.xml HELD.xml {holding(absent, scene.joint_names)}`"
-    return ", or give a file of its poses by --base" if [base for base in floating if base.free] else ""
+    if not any(base.free for base in floating):
+        return ""
+    name, _, lacks = wanted.rpartition(".")
+    marker = lacks.startswith(TURN[0]) and (name, PLACE[0]) in series and _alone(name, floating, scene)
+    slides = ", or, of a marker that tells no turn, give the body three slides instead of a free joint"
+    return f", or give a file of its poses by --base{slides if marker else ''}"
+
+
+def _alone(name: str, floating: Sequence[Floating], scene: Scene) -> bool:
+    """Whether the body of the free joint ``name`` carries no other."""
+    places = [base.vadr for base in floating if base.name == name]
+    bodies = scene.core.jnt_body[np.isin(scene.core.jnt_vadr, places)]
+    return not np.isin(bodies, scene.core.body_parent).any()
 
 
 def told(counts: Counts, gap: int) -> list[str]:
