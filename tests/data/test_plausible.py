@@ -330,6 +330,20 @@ def test_controls_far_beyond_the_range_of_an_actuator(factor: float, told: str |
         states.check(scene)
 
 
+def test_torques_that_were_controls_are_told_by_the_columns_own_numbers() -> None:
+    scene = Scene.from_mjcf(
+        '<mujoco><worldbody><body><joint name="x" type="slide"/><geom size=".1"/></body></worldbody>'
+        '<actuator><motor name="thrust" joint="x" gear="20" ctrlrange="-1 1"/></actuator></mujoco>'
+    )
+    time = 0.01 * np.arange(1000)
+    force = 20.0 * 255.0 * np.sign(np.sin(time))[:, None]
+    log = PositionLog(
+        time=time, position=np.sin(0.3 * time)[:, None], command=force, joint_names=("x",), command_kind="torque"
+    )
+    with pytest.raises(UserError, match=r"torque of 'thrust' reaches 5100, a control of 255 times the gear of 20, and"):
+        log.check(scene)
+
+
 def test_a_torque_log_without_velocities(motor: tuple[Transitions, Scene]) -> None:
     log, scene = motor
     file = PositionLog(

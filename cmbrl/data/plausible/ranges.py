@@ -50,7 +50,14 @@ def _beyond(taken: np.ndarray, actuator: int, scene: Scene, called: str, scale: 
     reach, strength = float(np.abs(taken).max()), abs(gear * gain)
     forces = called != "torque" and strength > 1.0 and reach <= _ROOM * strength * max(abs(low), abs(high))
     cause = f"forces instead of controls? Divide the column by {strength:.4g}" if forces else "check its unit"
+    # a column of controls becomes torques by gear and gain, and the user knows its own numbers
+    control = "" if abs(scale) == 1.0 else f", a control of {reach * abs(scale):.4g} times {_by(gear, gain)}"
     yield Finding(
-        f"{called} of {scene.actuator_names[actuator]!r} reaches {reach:.4g}, and mostly lies far beyond what the "
-        f"file's actuator takes, {low:.4g} to {high:.4g}: {cause}, or the range in the file"
+        f"{called} of {scene.actuator_names[actuator]!r} reaches {reach:.4g}{control}, and mostly lies far beyond what "
+        f"the file's actuator takes, {low:.4g} to {high:.4g}: {cause}, or the range in the file"
     )
+
+
+def _by(gear: float, gain: float) -> str:
+    """What makes a torque of a control."""
+    return f"the gear of {gear:.4g}" if gain == 1.0 else f"gear and gain of {gear * gain:.4g}"
