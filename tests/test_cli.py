@@ -289,7 +289,9 @@ def test_an_ensemble_that_fails_leaves_torch_as_it_was() -> None:
 def test_start_values_are_taken_from_the_command_line(command, place: Path) -> None:
     done = command(*FIT, "--out", "started", "--set", "mass.torso=1.3", "--json", cwd=place)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["parameters"]["mass.torso"]["value"] == 1.3
+    found = json.loads(done.stdout)
+    assert found["parameters"]["mass.torso"]["value"] == 1.3
+    assert found["report"]["set"] == ["mass.torso"]
 
 
 def test_ctrl_c_leaves_the_best_so_far(place: Path) -> None:

@@ -158,6 +158,8 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
             time_limit=arguments.time_limit,
         )
+    if arguments.set:
+        result.report["set"] = sorted(dict(arguments.set))
     saved = FitResult.load(keep(result, model.scene, out, source.task.name if source.task else None))
     print(json.dumps(read_record(out / RESULT, "fit again"), indent=2) if arguments.json else saved.report_text())
     if result.report["stopped"] == "interrupted":

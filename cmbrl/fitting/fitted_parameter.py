@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+_ROUNDING = 1e-9  # of an interval: what is less is 0
 FITTED, AT_BOUND, FLAT, NOMINAL = "fitted", "at bound", "flat", "nominal"
 
 
@@ -21,3 +22,8 @@ class FittedParameter:
     nominal: float
     status: str
     unit: str = ""
+
+    @property
+    def shown(self) -> float:
+        """The value, and 0 where it is one but for rounding."""
+        return self.value if abs(self.value) > _ROUNDING * (self.high - self.low) else 0.0

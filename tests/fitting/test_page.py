@@ -201,6 +201,8 @@ OF_MANY = {"data": {"transitions": 1000}}
         ({"stopped": "time limit"}, "Stopped early (time limit). "),
         ({"loss": {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.3}}}, "worse than the file"),
         ({"loss": {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.199}}}, "about as well as the"),
+        ({"set": ["mass.a"]}, "10 times better than the start (--set) (an error"),
+        ({"set": ["mass.a"], "fitted": []}, "Nothing was fitted: the start (--set) explains the log as well."),
     ],
 )
 def test_the_verdict(change: dict, words: str) -> None:
@@ -212,10 +214,11 @@ def test_the_verdict(change: dict, words: str) -> None:
 @pytest.mark.parametrize(
     ("short", "far", "words"),
     [
-        ((0.37, 0.1), (0.7, 0.02), "3.7 times better than the file (an error over 5 steps of 0.1 instead of 0.37), 35"),
-        ((0.1, 0.0995), (0.7, 0.02), "of 0.0995 instead of 0.1), 35 times over 99 (0.02 instead of 0.7)."),
-        ((0.37, 0.1), (1e300, 0.02), "instead of 0.37), over 99 (0.02 instead of 1e+300)."),
-        ((0.37, 0.1), (8.0, 2.0), "instead of 0.37), over 99 (2 instead of 8). Over 99 steps it is off by more"),
+        ((0.37, 0.1), (0.7, 0.02), "3.7 times better than the file (an error over 5 steps of 0.1 instead of 0.37 devi"),
+        ((0.37, 0.1), (0.7, 0.02), " deviations of the change), 35 times over 99"),
+        ((0.1, 0.0995), (0.7, 0.02), "), 35 times over 99 (0.02 instead of 0.7 deviations of the states)."),
+        ((0.37, 0.1), (1e300, 0.02), "change); over 99 steps it errs by 0.02 instead of 1e+300 deviations of the"),
+        ((0.37, 0.1), (8.0, 2.0), "; over 99 steps it errs by 2 instead of 8 deviations of the states. Over 99"),
     ],
 )  # fmt: skip
 def test_what_a_long_prediction_gains_is_told_beside_a_short_one(
@@ -227,3 +230,23 @@ def test_what_a_long_prediction_gains_is_told_beside_a_short_one(
     told = {"loss": loss, "fitted": ["mass.a"], "horizon": 5, "stopped": None, "at_bound": [], "horizons": [row]}
     report = {**told, **OF_MANY}
     assert words in first_line(report)
+
+
+def test_errors_of_a_horizon_are_those_of_the_table() -> None:
+    """The loss has another unit: the same horizon would have two errors, in the first line and in the table."""
+    loss = {f"held out, {name}": {"rmse": x} for name, x in (("nominal", 2.6), ("fitted", 0.776))}
+    errors = {5: (0.27, 0.15), 20: (0.55, 0.26), 100: (0.32, 0.107)}
+    rows = [
+        {"steps": steps, **{of: {"hold": 0.9, "nominal": before, "fitted": after} for of in ("rmse", "loss")}}
+        for steps, (before, after) in errors.items()
+    ]
+    told = {"loss": loss, "fitted": ["mass.a"], "horizon": 20, "stopped": None, "at_bound": [], "horizons": rows}
+    assert first_line({**told, **OF_MANY}) == (
+        "The fit predicts unseen seconds 2.12 times better than the file (an error over 20 steps of 0.26 instead of "
+        "0.55), 2.99 times over 100 (0.107 instead of 0.32)."
+    )
+    worse = [{**row, "rmse": {**row["rmse"], "fitted": 9.0}} for row in rows]
+    assert (
+        "it loses to holding the velocity over 5, 20, 100 step(s) by RMSE, and to the start (--set) as it is over"
+        in (first_line({**told, **OF_MANY, "horizons": worse, "set": ["mass.a"]}))
+    )

@@ -119,6 +119,7 @@ def _felt(model: ComplementarityModel, space: Space, pose: np.ndarray) -> tuple[
 
     told = [scene.coordinate_names[d] for d in places]
     hinges = [joint.kind == JointKind.HINGE for joint in joints]
-    names = [f"{what} {name}" for what in ("gravity's torque at", "inertia felt by") for name in told]
+    names = [f"gravity's {'torque' if h else 'force'} at {name}" for h, name in zip(hinges, told, strict=True)]
+    names += [f"inertia felt by {name}" for name in told]
     units = [("N m" if h else "N") for h in hinges] + [("kg m^2" if h else "kg") for h in hinges]
     return names, units, felt

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from cmbrl.fitting.choice.judging import RETURN
-from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, remark, warning
+from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, remark, start_of, warning
 
 _ALIKE = 1.01  # times the error of the fit
 _DIVERGED = 1e6  # times what the states vary by
+_OF_CHANGE, _OF_STATES = " deviations of the change", " deviations of the states"  # units of the loss, of cmbrl error
 _FEW = 40  # transitions, with which hardly anything can be held out
 
 
@@ -17,36 +19,70 @@ def first_line(report: Mapping[str, Any]) -> str:
     """In one line, what the fit is worth."""
     early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
     early += _apart(report)
-    held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
+    start, rows = start_of(report), report.get("horizons", ())
     if not report.get("fitted"):
         back = (report.get("selection") or [{}])[-1].get("group") == RETURN
-        why = "no parameter had moved yet" if early else "the file explains the log as well"
-        why = "what had moved predicted unseen episodes worse than the file does" if back else why
+        why = "no parameter had moved yet" if early else f"{start} explains the log as well"
+        why = f"what had moved predicted unseen episodes worse than {start} does" if back else why
         return f"{early}Nothing was fitted: {why}."
-    if None in held_out:
+    errors = _Errors.of(report)
+    if errors is None:
         return f"{early}Nothing was held out: this fit has not been judged."
-    if worse := warning(report.get("horizons", ())):
+    if worse := warning(rows, start):
         return f"{early}{worse}{hurried(report.get('pace'))}."
-    before, after = (row["rmse"] for row in held_out if row)
+    before, after = errors.before, errors.after
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
-    told = f"an error over {steps} of {after:.3g} instead of {before:.3g}{_far(report)}"
+    short = f"an error over {steps} of {after:.3g} instead of {before:.3g}{errors.unit}"
+    told = f"{short}{_far(report, errors.far)}"
     typical = report.get("typical", 1.0)
     if not after < before and after > EXACT and typical > 1.0:
         return (
-            f"{early}The fit predicts most of the log {typical:.3g} times better than the file, and a few stretches "
+            f"{early}The fit predicts most of the log {typical:.3g} times better than {start}, and a few stretches "
             f"so much worse that the mean is not ({told}): page.html shows which."
         )
     if not after < before and after > EXACT:
-        return f"{early}The fit predicts unseen seconds worse than the file ({told}): keep the file."
+        return f"{early}The fit predicts unseen seconds worse than {start} ({told}): keep {start}."
     if before <= EXACT or (before < _ALIKE * after and not _better_far(report)):
-        return f"{early}The fit predicts unseen seconds about as well as the file ({told})."
+        return f"{early}The fit predicts unseen seconds about as well as {start} ({told})."
+    better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than {start}"
+    return f"{better} ({short}){_times_far(report, errors.far)}{_doubts(report)}.{_reach(report)}{remark(rows, start)}"
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Errors on unseen episodes before and after the fit over its horizon, and units in words.
+
+    ``unit`` of these, ``far`` of those over the longest horizon; empty where both are those of the table by steps.
+    """
+
+    before: float
+    after: float
+    unit: str = ""
+    far: str = ""
+
+    @classmethod
+    def of(cls, report: Mapping[str, Any]) -> _Errors | None:
+        """Those of the table, where it has that horizon and does not gainsay the loss; else of the loss.
+
+        None if the fit was not judged.
+        """
+        held_out = [report["loss"].get(f"held out, {which}") for which in ("nominal", "fitted")]
+        if None in held_out:
+            return None
+        before, after = (row["rmse"] for row in held_out if row)
+        row = next((row for row in report.get("horizons", ()) if row["steps"] == report["horizon"]), None)
+        if row is not None and (row["rmse"]["fitted"] < row["rmse"]["nominal"]) == (after < before):
+            return cls(row["rmse"]["nominal"], row["rmse"]["fitted"])
+        return cls(before, after, *((_OF_CHANGE, _OF_STATES) if _farthest(report) else ()))
+
+
+def _doubts(report: Mapping[str, Any]) -> str:
+    """What speaks against a fit that is better."""
     bound = len(report["at_bound"])
     doubt = f"; {bound} parameter{'s' * (bound > 1)} lie{'s' * (bound == 1)} on a bound" if bound else ""
     if (count := report["data"]["transitions"]) < _FEW:
         doubt += f"; {count} transition{'s' * (count > 1)} tell little: record more"
-    short = f"an error over {steps} of {after:.3g} instead of {before:.3g}"
-    better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than the file"
-    return f"{better} ({short}){_times_far(report)}{doubt}.{_reach(report)}{remark(report.get('horizons', ()))}"
+    return doubt
 
 
 def _apart(report: Mapping[str, Any]) -> str:
@@ -73,12 +109,13 @@ def _farthest(report: Mapping[str, Any]) -> Mapping[str, Any] | None:
     return None if row is None or row["steps"] <= report["horizon"] else row
 
 
-def _far(report: Mapping[str, Any]) -> str:
+def _far(report: Mapping[str, Any], unit: str) -> str:
     """The errors over the longest horizon."""
     row = _farthest(report)
-    return (
-        f", over {row['steps']} of {row['rmse']['fitted']:.3g} instead of {row['rmse']['nominal']:.3g}" if row else ""
-    )
+    if row is None:
+        return ""
+    before, after = row["rmse"]["nominal"], row["rmse"]["fitted"]
+    return f", over {row['steps']} of {after:.3g} instead of {before:.3g}{unit}"
 
 
 def _better_far(report: Mapping[str, Any]) -> bool:
@@ -89,11 +126,12 @@ def _better_far(report: Mapping[str, Any]) -> bool:
     return bool(row["rmse"]["nominal"] >= _ALIKE * row["rmse"]["fitted"])
 
 
-def _times_far(report: Mapping[str, Any]) -> str:
+def _times_far(report: Mapping[str, Any], unit: str) -> str:
     """How many times better it is there: where sensors' noise rules the fit's horizon, that says more."""
     row = _farthest(report)
     if row is None:
         return ""
     before, after = row["rmse"]["nominal"], row["rmse"]["fitted"]
-    times = f"{_times(before, after)} times " if _better_far(report) else ""
-    return f", {times}over {row['steps']} ({after:.3g} instead of {before:.3g})"
+    if not _better_far(report):
+        return f"; over {row['steps']} steps it errs by {after:.3g} instead of {before:.3g}{unit}"
+    return f", {_times(before, after)} times over {row['steps']} ({after:.3g} instead of {before:.3g}{unit})"

@@ -77,6 +77,7 @@ def conclude(
         **about,
         "data": {"transitions": len(data), "episodes": data.n_episodes, "dt": data.dt},
         "scene": model.scene.name,
+        "coordinates": list(model.scene.coordinate_names),
         "positions_only": bool(np.isinf(loss.windows.scales.v).all()),
         "model": model.to_config(),
         "loss": {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,22 +11,21 @@ import numpy as np
 from cmbrl.fitting.choice.finer_steps import finer_told
 from cmbrl.fitting.choice.play_shown import shown_told
 from cmbrl.fitting.choice.told_gains import gains_told, sum_told
-from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
+from cmbrl.fitting.fitted_parameter import FLAT, FittedParameter
 from cmbrl.fitting.log.sliding import sliding_told
-from cmbrl.fitting.log.start_noise import starts_told
 from cmbrl.fitting.outcome.agreement import sentences
 from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.lateness import lateness_told
 from cmbrl.fitting.outcome.laws_told import laws_told, play_told
+from cmbrl.fitting.outcome.noise_told import sensors_told, starts_told
+from cmbrl.fitting.outcome.tables import WIDTH, combinations, ratios, table
 from cmbrl.fitting.outcome.unit import unit_told
 from cmbrl.fitting.outcome.untold_delay import untold_delay_told
 from cmbrl.fitting.outcome.verdict import MEASURES, MODELS, advice
+from cmbrl.scene.info.columns import counted
 
-WIDTH = 100
 _SHOWN = 3  # elements of a list that is folded
 _FOLDED_FROM = 7  # elements
-_ROWS = 24  # of a table
-_FEW_ROWS = 8  # of one that follows
 
 _INDENTED: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "    ", "drop_whitespace": True}
 _NONE = "  none: the nominal model explains the held-out episodes equally well"
@@ -52,8 +51,8 @@ def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
         unit_told(parameters),
     ]
     first = [line for text in told if text for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
-    lines = [*first, *_errors(report), *_selection(report), *_table(parameters, whole)]
-    lines += [*_ratios(parameters, report, whole), *_combinations(report, whole)]
+    lines = [*first, *_errors(report), *_selection(report), *table(parameters, report, whole)]
+    lines += [*ratios(parameters, report, whole), *combinations(report, whole)]
     lines += _open(parameters, report)
     return "\n".join(lines)
 
@@ -65,7 +64,8 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     data = report["data"]
     yield (
-        f"fit of {data['transitions']} transitions in {data['episodes']} episodes by {report['method']}, "
+        f"fit of {counted(data['transitions'], 'transition')} in {counted(data['episodes'], 'episode')} by "
+        f"{report['method']}, "
         f"seed {report['seed']}, {report['seconds']['total']:.1f} s, {report['candidates']} candidates"
     )
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
@@ -80,11 +80,8 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
         yield f"  {row['steps']:>6d}" + "".join(f"{row[of][name]:>15.4g}" for of in MEASURES for name in MODELS)
     if told := starts_told(report):
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
-    for k, noise in enumerate(() if report.get("positions_only") else report.get("noise") or ()):
-        shown, half = [f"{x:.2g}" for x in noise], len(noise) // 2
-        of = f" in {report['logs'][k]['name']}" if report.get("logs") else ""
-        yield from _folded(f"sensor noise of positions [m, rad]{of}", shown[:half])
-        yield from _folded(f"sensor noise of velocities [m/s, rad/s]{of}", shown[half:])
+    for title, shown in sensors_told(report):
+        yield from _folded(title, shown)
     yield from _logs(report.get("logs", ()))
     if pace := report.get("pace"):
         parts = ", ".join(f"{part} {share:.2g}" for part, share in pace["shares"].items())
@@ -119,84 +116,6 @@ def _selection(report: Mapping[str, Any]) -> Iterator[str]:
         yield from textwrap.wrap(f"{s['move']:<7}{s['group']:<20} {fall}", WIDTH, **_INDENTED)
     if not moves:
         yield _NONE if report["stopped"] is None else "  none so far"
-
-
-def _table(parameters: Mapping[str, FittedParameter], whole: bool) -> Iterator[str]:
-    found = {name: p for name, p in parameters.items() if p.status not in (NOMINAL, FLAT)}
-    told = {name: (p.status == AT_BOUND, _clearness(p.value, p.low, p.high, p.nominal)) for name, p in found.items()}
-    shown = {name: found[name] for name in _clearest(told, _ROWS, whole)}
-    rows = [["parameter", "value", "95 % interval", "nominal", "status", "unit"]]
-    for name, p in shown.items():
-        rows.append([name, f"{p.value:.5g}", f"[{p.low:.5g}, {p.high:.5g}]", f"{p.nominal:.5g}", p.status, p.unit])
-    yield from _columns(rows if shown else [])
-    yield from _rest(found, shown)
-
-
-def _clearness(value: float, low: float, high: float, nominal: float) -> float:
-    """How far from the file's value, in half widths of the interval."""
-    return abs(value - nominal) / max(high - value if nominal > value else value - low, 1e-300)
-
-
-def _clearest(told: Mapping[str, Any], most: int, whole: bool) -> list[str]:
-    """The ``most`` names that are ``told`` most clearly, in their order; all of the ``whole``."""
-    best = set(sorted(told, key=lambda name: told[name], reverse=True)[: len(told) if whole else most])
-    return [name for name in told if name in best]
-
-
-def _rest(found: Collection[Any], shown: Collection[Any]) -> Iterator[str]:
-    """What a table leaves out."""
-    if more := len(found) - len(shown):
-        yield f"  and {more} more, which differ from the file less clearly (page.html and fit.json have all)"
-
-
-def _ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any], whole: bool) -> Iterator[str]:
-    """Masses and forces in the unit of one of them, which motion tells better than their sizes."""
-    for found in report.get("ratios", ()):
-        reference = found["reference"]
-        title = f"ratios that motion tells: if {reference} is the file's {parameters[reference].nominal:.5g}, then"
-        yield from textwrap.wrap(title, WIDTH, subsequent_indent="  ")
-        told = {
-            name: _clearness(value, low, high, parameters[name].nominal)
-            for name, (value, low, high) in found["parameters"].items()
-        }
-        shown = [(name, *found["parameters"][name]) for name in _clearest(told, _FEW_ROWS, whole)]
-        yield from _columns([
-            [name, f"{value:.5g}", f"[{low:.5g}, {high:.5g}]", f"{parameters[name].nominal:.5g}", parameters[name].unit]
-            for name, value, low, high in shown
-        ])  # fmt: skip
-        yield from _rest(told, shown)
-
-
-def combinations_title(report: Mapping[str, Any]) -> str:
-    """What the rows of ``combinations`` are."""
-    reference = report["combinations"]["reference"]
-    unit = f", in the unit of force in which {reference} is the file's" if reference else ""
-    return (
-        "bodies together: what joints feel of all that hangs on them, in the pose of the log's middle, which the log "
-        f"tells though it does not tell masses, centres and inertias one by one{unit}"
-    )
-
-
-def _combinations(report: Mapping[str, Any], whole: bool) -> Iterator[str]:
-    """Sums over bodies that the log tells where single bodies are flat."""
-    found = {row["name"]: row for row in report.get("combinations", {"rows": []})["rows"]}
-    told = {name: _clearness(r["value"], r["low"], r["high"], r["nominal"]) for name, r in found.items()}
-    rows = [found[name] for name in _clearest(told, _FEW_ROWS, whole)]
-    if rows:
-        yield from textwrap.wrap(combinations_title(report), WIDTH, subsequent_indent="  ")
-    yield from _columns([
-        [r["name"], f"{r['value']:.5g}", f"[{r['low']:.5g}, {r['high']:.5g}]", f"{r['nominal']:.5g}", r["unit"]]
-        for r in rows
-    ])  # fmt: skip
-    yield from _rest(found, rows)
-
-
-def _columns(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Rows with a name in front, then three columns of numbers, then words."""
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))] if rows else []
-    for row in rows:
-        cells = [c.rjust(w) if k in (1, 2, 3) else c.ljust(w) for k, (c, w) in enumerate(zip(row, widths, strict=True))]
-        yield ("  " + "  ".join(cells)).rstrip()
 
 
 def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> Iterator[str]:

@@ -22,6 +22,7 @@ from cmbrl.models.windows import blocks_of, least_units
 HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
 MODELS = ("hold", "nominal", "fitted")
 MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the first, usual ones the second
+FILE = "the file"  #: what a fit begins at, and is compared with
 _HURRIED, _MOVING = 0.75, ("choice", "polish")  # share of their work, of the parts that move parameters
 _LOST = 1e300  # JSON has no infinity
 _WORSE, _SLIGHTLY = 1.01, 1.2  # times the error of another model
@@ -100,8 +101,13 @@ def _finite(error: np.ndarray) -> np.ndarray:
     return np.nan_to_num(error, nan=_LOST, posinf=_LOST)
 
 
-def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
-    """One line that says where the fit loses, and by which measure, or None.
+def start_of(report: Mapping[str, Any]) -> str:
+    """What the fit began at, in words: the file, or what ``--set`` made of it (``report["set"]``)."""
+    return "the start (--set)" if report.get("set") else FILE
+
+
+def warning(rows: Sequence[Mapping[str, Any]], start: str = FILE) -> str | None:
+    """One line that says where the fit loses, and by which measure, or None. ``start``: what it began at.
 
     Holding the velocity is no rival where velocities are estimates, and over horizons where it is off by more than the
     states vary: there, in two seconds of a robot that falls, neither tells anything. Nor is it where it errs by the
@@ -109,22 +115,22 @@ def warning(rows: Sequence[Mapping[str, Any]]) -> str | None:
     fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it. What it loses
     over short horizons alone, hardly and by one measure, ``remark`` tells.
     """
-    parts = [f"{name} over {where}" for name, where, slightly in _lost_to(rows) if not slightly]
+    parts = [f"{name} over {where}" for name, where, slightly in _lost_to(rows, start) if not slightly]
     return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
 
 
-def remark(rows: Sequence[Mapping[str, Any]]) -> str:
+def remark(rows: Sequence[Mapping[str, Any]], start: str = FILE) -> str:
     """A sentence, after a blank, on what the fit loses over short horizons alone, hardly and by one measure; or none.
 
     A few impacts, and estimates of velocities, rule the RMSE of one step of whatever model.
     """
-    parts = [f"to {name} over {where}" for name, where, slightly in _lost_to(rows) if slightly]
+    parts = [f"to {name} over {where}" for name, where, slightly in _lost_to(rows, start) if slightly]
     return f" It loses a little {', and '.join(parts)}." if parts else ""
 
 
-def _lost_to(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str, bool]]:
+def _lost_to(rows: Sequence[Mapping[str, Any]], start: str) -> list[tuple[str, str, bool]]:
     """Models to which the fit loses, the horizons at which it does, and whether that is little."""
-    names = {"hold": "holding the velocity", "nominal": "the file as it is"}
+    names = {"hold": "holding the velocity", "nominal": f"{start} as it is"}
     if rows and max(rows[0]["rmse"][which] for which in ("nominal", "fitted")) < EXACT:
         del names["nominal"]  # beyond one step, chaos makes of rounding what it likes
     found = ((name, _worse(rows, other), _slightly(rows, other)) for other, name in names.items())

@@ -23,7 +23,6 @@ _STARTED = {"search": BEFORE}  # the colour of a stage; of the polishes that fol
 _COLUMN = 32  # parameters in a column
 _COLOURS = {FITTED: AFTER, AT_BOUND: BOUND, FLAT: FAINT}
 _WORDS = {FITTED: "fitted", AT_BOUND: "on a bound", FLAT: "hardly told by the log"}
-_ROUNDING = 1e-9  # of an interval: what is less is 0
 _EDGE = 3.2  # prior standard deviations; bounds around a central value lie at 3
 
 
@@ -76,8 +75,7 @@ def _forest(
         value = float(z["value"][row])
         marker = "o" if abs(value) <= _EDGE else ">" if value > 0 else "<"
         axes.plot(np.clip(value, -_EDGE, _EDGE), row, marker, color=color, markersize=4, clip_on=False)
-        shown = p.value if abs(p.value) > _ROUNDING * (p.high - p.low) else 0.0
-        text = f"{p.nominal:.3g} → {shown:.3g}  [{p.low:.3g}, {p.high:.3g}]"
+        text = f"{p.nominal:.3g} → {p.shown:.3g}  [{p.low:.3g}, {p.high:.3g}]"
         axes.annotate(
             text, (1.01, row), xycoords=("axes fraction", "data"), va="center", fontsize=SMALL - 1.5, family="monospace"
         )

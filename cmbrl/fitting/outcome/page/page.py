@@ -14,6 +14,7 @@ from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.page import motion, numbers
 from cmbrl.fitting.outcome.page.predictions import one_step, windows
 from cmbrl.fitting.outcome.page.style import embedded
+from cmbrl.fitting.outcome.tables import combinations_title
 from cmbrl.fitting.search.space import Space
 
 if TYPE_CHECKING:
@@ -53,11 +54,12 @@ def page_text(result: FitResult) -> str:
         scene=result.model.scene.name,
         verdict=first_line(result.report),
         report=result.report,
+        start="start" if result.report.get("set") else "file",
         text=text,
         parameters=result.parameters,
         sections=list(_sections(result)),
         combinations=combinations,
-        combinations_title=report_text.combinations_title(result.report) if combinations else "",
+        combinations_title=combinations_title(result.report) if combinations else "",
     )
 
 

@@ -1,0 +1,62 @@
+"""The report as text: what it leaves out, and how it names what it tells."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.outcome.report_text import render
+
+ROW = {"rmse": 0.1, "loss": 0.2, "failures": 0}
+REPORT: dict[str, Any] = {
+    "data": {"transitions": 3999, "episodes": 1}, "method": "random", "seed": 0, "seconds": {"total": 1.0},
+    "candidates": 5, "horizon": 1, "loss": {"all, fitted": ROW}, "stopped": None, "selection": None,
+    "flat_directions": [], "at_bound": [], "unseen": [], "gauge": [], "left_out": [], "fitted": ["mass.a"],
+}  # fmt: skip
+
+
+def told(parameters: dict[str, FittedParameter] | None = None, **more: Any) -> str:
+    return " ".join(render(parameters or {}, {**REPORT, **more}).split())
+
+
+def test_one_episode_is_one() -> None:
+    assert "fit of 3999 transitions in 1 episode by random" in told()
+
+
+def test_noise_that_does_not_show_is_not_listed() -> None:
+    text = told(noise=[[1e-3, 2e-3, 0.0, 0.0]])
+    assert "sensor noise of positions [m, rad]: 0.001, 0.002" in text
+    assert "sensor noise of velocities" not in text
+    assert "sensor noise of velocities [m/s, rad/s]: 0, 0.01" in told(noise=[[1e-3, 2e-3, 0.0, 0.01]])
+
+
+def test_starts_that_are_free_are_named() -> None:
+    one = told(noise=[[1.1e-4, 0.0, 2.1e-3, 0.0]], positions_only=True, coordinates=["x", "theta"])
+    assert "err by about 0.00011 (m, rad) and 0.0021 (m/s, rad/s) at x: each" in one
+    base = {"positions_only": True, "coordinates": [f"base.{k}" for k in range(8)]}
+    several = told(noise=[[*range(1, 9), *range(1, 9)]], **base)
+    assert "err by about 1 to 8 (m, rad) and 1 to 8 (m/s, rad/s) at base.0, base.1, base.2 and 5 more: each" in several
+    assert "(m/s, rad/s): each" in told(noise=[[1.0, 1.0]], positions_only=True)  # as fits of earlier versions
+
+
+def test_a_table_names_the_start_where_it_was_set() -> None:
+    moved = {"mass.a": FittedParameter(1.2, 1.1, 1.3, 1.0, "fitted", "1")}
+    assert "95 % interval nominal status" in told(moved)
+    assert "95 % interval start status" in told(moved, set=["mass.a"])
+
+
+def test_what_is_zero_but_for_rounding_is_shown_as_zero() -> None:
+    assert "bias.x 0 [-0.06, 0.06]" in told({"bias.x": FittedParameter(3.6e-118, -0.06, 0.06, 0.0, "fitted", "m")})
+    assert FittedParameter(1e-7, 0.0, 1.0, 0.0, "fitted").shown == 1e-7
+
+
+def test_ratios_that_motion_hardly_tells_are_left_out() -> None:
+    parameters = {f"{x}.a": FittedParameter(1.0, 0.1, 9.0, 1.0, "flat") for x in ("gear", "mass", "armature")}
+    found = {"reference": "gear.a", "parameters": {"mass.a": [1.0, 0.8, 1.25], "armature.a": [0.01, 0.0027, 0.037]}}
+    text = told(parameters, ratios=[found])
+    assert "if gear.a is the file's 1, then mass.a 1 [0.8, 1.25]" in text
+    assert "armature.a 0.01" not in text
+    assert "without 1, which motion tells within a factor of 3 at best" in text
+    assert "if gear.a is what it began at, 1, then" in told(parameters, ratios=[found], set=["gear.a"])
+    del found["parameters"]["mass.a"]  # type: ignore[attr-defined]
+    assert "ratios" not in told(parameters, ratios=[found])
