@@ -92,7 +92,7 @@ def test_torques_over_a_urdf_without_motors_are_not_dropped_in_silence(tmp_path:
     with pytest.raises(UserError, match=r"tells lift.torque.* no actuators: .*--actuators motor`, or leave"):
         import_logs([tmp_path / "log.npz"], scene)
     left = Options(columns={"tau_lift": "-"})
-    assert import_logs([tmp_path / "log.npz"], scene, left).log.u.shape[1] == 0  # type: ignore[union-attr]
+    assert import_logs([tmp_path / "log.npz"], scene, left).log.command.shape[1] == 0  # type: ignore[union-attr]
 
 
 def test_a_machine_without_actuators_has_a_position_log_too(tmp_path: Path) -> None:

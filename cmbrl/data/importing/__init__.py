@@ -23,7 +23,7 @@ from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
 from cmbrl.data.importing.told import UNUSED, no_column, short, told
 from cmbrl.data.importing.untold import assumed
-from cmbrl.data.position_log import PositionLog
+from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
@@ -105,7 +105,8 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
             half = options.window // 2
             notes.append(
                 f"velocities of {short(estimated, 3)} are estimated: central differences over a Savitzky-Golay window "
-                f"of {options.window} samples (a parabola); {half} samples at each end of an episode are left out"
+                f"of {options.window} samples (a parabola), one-sided beside impacts; {half} samples at each end of an "
+                "episode are left out"
             )
     log.check(scene)
     return Imported(log, tuple(notes))
@@ -198,12 +199,13 @@ def _kind(keys: set[Key], scene: Scene, gains_told: bool) -> str:
 
     Only a position log holds the gains of servos; where the log or the user tells them, they may not be the file's.
     Nor do transitions hold joints that closed loops tell, such as the rods of a delta robot, whose ball joints float
-    no base.
+    no base. Tossed bodies are told better by transitions, whose velocities look at no impact from its other side.
     """
     if build.looped(keys, scene):
         return "positions"
     commanded = Commanded.of(keys, scene)
     if gains_told and commanded and commanded.kind == "position":
         return "positions"
-    held = build.one_base(scene) and commanded is not None
+    swings = scene.nu == 0 and free_joint(scene) is None and not controls.undriven(keys, scene)
+    held = build.one_base(scene) and (commanded is not None or swings)
     return "positions" if held and not build.velocities_known(keys, scene) else "transitions"

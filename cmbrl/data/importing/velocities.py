@@ -9,19 +9,42 @@ from cmbrl.data.plausible.readings import misread
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
+_SHORTEST = 5  # samples of which a parabola leaves something
+_BROKEN, _FITS = 5.0, 0.3  # times what parabolas usually leave; of what is left around an impact
+_TINY = 1e-12
+
 
 def smoothed(q: np.ndarray, dt: float, window: int, scene: Scene) -> np.ndarray:
     """Velocities (T - window + 1, nv) of configurations (T, nq), for all but the first and last window // 2 rows.
 
     They are central differences over a Savitzky-Golay window: the slope of the parabola that fits ``window`` samples
-    best, in the tangent space of the sample in their middle.
+    best, in the tangent space of the sample in their middle. Where an impact lies within, no parabola fits: there the
+    samples before or those from then on tell the slope, whichever a parabola fits (the choice of stencils of Harten et
+    al., Journal of Computational Physics 71, 1987).
     """
     half = window // 2
-    middle = q[half : len(q) - half]
-    slope = np.zeros((len(middle), scene.nv))
-    for k in range(-half, half + 1):
-        slope += k * scene.difference(middle, q[half + k : len(q) - half + k])
-    return slope / (dt * sum(k * k for k in range(-half, half + 1)))
+    rows = np.arange(half, len(q) - half)
+    slope, left = _parabola(q, rows, np.arange(-half, half + 1), scene)
+    if window < _SHORTEST or not len(rows):
+        return slope / dt
+    usual = np.maximum(np.median(left, axis=0), _TINY)
+    left = (left / usual).max(axis=1, initial=0.0)
+    for side in (np.arange(1 - window, 1), np.arange(window)):
+        there = np.flatnonzero((left > _BROKEN) & (rows + side[0] >= 0) & (rows + side[-1] < len(q)))
+        own, rest = _parabola(q, rows[there], side, scene)
+        rest = (rest / usual).max(axis=1, initial=0.0)
+        better = rest < _FITS * left[there]
+        slope[there[better]], left[there[better]] = own[better], rest[better]
+    return slope / dt
+
+
+def _parabola(q: np.ndarray, rows: np.ndarray, stencil: np.ndarray, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes (N, nv) a row at ``rows`` of the parabolas that fit the ``stencil`` of rows best, and what they leave."""
+    changes = np.array([scene.difference(q[rows], q[rows + k]) for k in stencil.tolist()])
+    powers = stencil[:, None] ** np.arange(3)
+    inverse = np.linalg.pinv(powers)
+    rest = changes - np.einsum("kl,l...->k...", powers @ inverse, changes)
+    return np.einsum("k,k...->...", inverse[1], changes), np.sqrt((rest**2).sum(axis=0))
 
 
 def check_frame(

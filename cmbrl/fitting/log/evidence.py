@@ -13,6 +13,7 @@ from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.data.unlogged import unlogged
 from cmbrl.errors import UserError
+from cmbrl.fitting.log.position_noise import slopes
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
@@ -44,6 +45,7 @@ class Evidence:
     measured: np.ndarray  #: (nv,) coordinates whose positions are compared: not those that a log had to estimate
     free: tuple[Joint, ...] = ()  #: joints that no log tells: those columns of ``log`` are a model's (``following``)
     noisy: bool = False  #: whether sensors of states show noise
+    sloped: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  #: (nv,) rows: ``slopes``
     drifting: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)  #: ``adrift``
 
     @classmethod
@@ -75,7 +77,8 @@ class Evidence:
         measured = np.all([np.ones(model.scene.nv, dtype=bool), *told], axis=0)
         free = tuple(unlogged(log, model.scene))
         measured[[joint.vadr for joint in free]] = False
-        found = cls(model, log, tuple(logs), observation, space, positions_only, measured, free)
+        sloped = np.zeros(model.scene.nv, dtype=np.int64) if positions_only else slopes(model.scene, log)
+        found = cls(model, log, tuple(logs), observation, space, positions_only, measured, free, sloped=sloped)
         return found.following(space.nominal)
 
     def following(self, theta: np.ndarray) -> Evidence:
@@ -119,6 +122,7 @@ class Evidence:
             scales = Scales.of_positions(self.model.scene, self.log, horizon, huber, off, left)
             return (replace(scales, q=np.where(self.measured, scales.q, np.inf)),) * len(self.names)
         alike = Scales.of(self.model.scene, self.log, huber)
+        alike = replace(alike, v=np.where(self.sloped > 0, np.inf, alike.v))
         if noise is None:
             return (alike,) * len(self.names)
         # A coordinate without noise in one of several logs gets hardly any, so that all have the same uncertain ones.
@@ -133,7 +137,9 @@ class Evidence:
     @property
     def compared(self) -> int:
         """How many coordinates of a prediction are compared with the log: positions, and velocities that it tells."""
-        return int(self.measured.sum()) * (1 if self.positions_only else 2)
+        return int(self.measured.sum()) + (
+            0 if self.positions_only else int((self.measured & (self.sloped == 0)).sum())
+        )
 
     def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""
@@ -154,8 +160,9 @@ class Evidence:
 def _heights(scene: Scene) -> set[int]:
     """Places in v of a floating body above a plane, whose height says the same as a bias of the body's own."""
     slides = [j for j in scene.joints if j.kind == JointKind.SLIDE and scene.joint_names[j.source] == free_joint(scene)]
-    along = np.abs(scene.core.plane_normal) > _ALONG
-    return {joint.vadr for axis, joint in enumerate(slides) if along[:, axis].any()}
+    return {
+        joint.vadr for axis, joint in enumerate(slides) if (np.abs(scene.core.plane_normal[:, axis]) > _ALONG).any()
+    }
 
 
 def _told_gains(logs: Mapping[str, PositionLog]) -> list[str]:

@@ -35,13 +35,14 @@ def horizons_of(evidence: Evidence, asked: int | str) -> tuple[int, ...]:
 
     Of positions, half a second: at one step, their changes are noise. Less of a body that floats, since nothing pulls
     it back to where it should be, and of an arm whose torques do not; and as much less as a short log needs. Of noisy
-    states in short steps, up to 0.3 s: 20 steps of 2 ms are noise, too.
+    states in short steps, up to 0.3 s: 20 steps of 2 ms are noise, too. And of velocities that are slopes of positions,
+    more than these have seen.
     """
     if asked != "auto":
         return (whole(asked, "horizon"),)
     if not evidence.positions_only:
-        longer = (h for h in _LONGER if h * evidence.log.dt <= _NOISY_AHEAD)
-        return (*HORIZONS, *longer) if evidence.noisy else HORIZONS
+        longer = (h for h in _LONGER if evidence.noisy and h * evidence.log.dt <= _NOISY_AHEAD)
+        return tuple(h for h in (*HORIZONS, *longer) if h > evidence.sloped.max())
     floats = free_joint(evidence.model.scene) is not None
     on_wheels = floats and rolls(evidence)
     ahead = _ROLLING_AHEAD if on_wheels else _FLOATING_AHEAD if floats else _POSITIONS_AHEAD

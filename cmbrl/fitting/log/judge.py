@@ -22,7 +22,7 @@ RIGHT = 1e-4  #: loss of a coordinate (1 % of its change) below which it is righ
 class Judge:
     """Errors ``horizon`` steps after the logged states at ``starts``, in the spread of the change over that time.
 
-    Velocities of a log of positions, which are estimates, do not count.
+    Velocities that are estimates do not count.
     """
 
     evidence: Evidence
@@ -55,7 +55,7 @@ class Judge:
             if evidence.positions_only:
                 dq = np.where(evidence.measured, np.hypot(dq, least_units(scene, data)), np.inf)
             dv = spread(data.v_next[ends] - data.v[starts], REST)
-            dv = np.full_like(dv, np.inf) if evidence.positions_only else dv
+            dv = np.where(evidence.positions_only | (evidence.sloped > 0), np.inf, dv)
             scale = np.where(np.tile(evidence.told, 2), np.concatenate([dq, dv]), np.inf)
             if rows is not None:
                 starts = starts[np.isin(starts, rows) & np.isin(ends, rows)]
