@@ -116,12 +116,22 @@ def with_play(evidence: Evidence, scene: Scene, values: Mapping[str, float]) -> 
     free = tuple(unlogged(log, scene))
     if log.q.shape[1] != scene.nq or not free:
         return None
-    measured = np.zeros(scene.nv, dtype=bool)
-    measured[~np.isin(np.arange(scene.nv), [joint.vadr for joint in free])] = evidence.measured
+    logged = ~np.isin(np.arange(scene.nv), [joint.vadr for joint in free])
+    measured, sloped = np.zeros(scene.nv, dtype=bool), np.zeros(scene.nv, dtype=np.int64)
+    measured[logged], sloped[logged] = evidence.measured, evidence.sloped
     observation = model.observer
     start = np.append(theta, [values.get(p.name, p.nominal) for p in observation.parameters])
     space = Space.of((*scene.parameters, *observation.parameters), start)
-    return replace(evidence, model=model, log=log, observation=observation, space=space, measured=measured, free=free)
+    return replace(
+        evidence,
+        model=model,
+        log=log,
+        observation=observation,
+        space=space,
+        measured=measured,
+        free=free,
+        sloped=sloped,
+    )
 
 
 def _clearest(test: Unexplained) -> list[dict[str, Any]]:

@@ -14,9 +14,6 @@ no white noise; where a local polynomial told their velocity over a time T they 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from cmbrl.data.position_log import free_joint
@@ -124,15 +121,3 @@ def _drift(evidence: Evidence, theta: np.ndarray, free: np.ndarray, steps: int, 
         q, v = step.q_next, step.v_next
         found[:, j] = scene.difference(log.q_next[starts + j], q)[:, free]
     return found
-
-
-def starts_told(report: Mapping[str, Any]) -> str | None:
-    """One line on what the starts of a log of positions are off by; None where none was let free, and of states."""
-    if not report.get("positions_only") or not report.get("noise"):
-        return None
-    ranges = [part[part > 0.0] for part in np.reshape(report["noise"][0], (2, -1))]
-    place, speed = (f"{part.min():.2g} to {part.max():.2g}" for part in ranges)
-    return (
-        f"places and velocities that nothing holds, from which predictions start, err by about {place} (m, rad) and "
-        f"{speed} (m/s, rad/s): each prediction may start elsewhere within that"
-    )
