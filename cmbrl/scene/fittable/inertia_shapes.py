@@ -37,7 +37,7 @@ def offer_shapes(
     turning = [k for k in massive if _turns(tree, k)]
     planar = layout.dimension == 2
     shapes = [k for k in turning if not planar or P[layout.inertia(k)] > 0]
-    roots = [np.diag([P[layout.inertia(k)], 1.0]) if planar else _root(tree.bodies[k].inertia) for k in shapes]
+    roots = [np.diag([P[layout.inertia(k)], 1.0]) if planar else root_of(tree.bodies[k].inertia) for k in shapes]
     numbers = np.full((len(shapes), 1 if planar else 6), -1)
     for row, k in enumerate(shapes):
         for j, axis in enumerate([""] if planar else _SCALES):
@@ -84,7 +84,7 @@ def _turns(tree: Tree, body: int) -> bool:
     return any(j.kind != JointKind.SLIDE for k in tree.chain(body) for j in tree.bodies[k].joints)
 
 
-def _root(inertia: Array) -> Array:
+def root_of(inertia: Array) -> Array:
     """B (3, 3): columns along the principal axes, each in the place of the body's axis that it is nearest to."""
     moments, axes = np.linalg.eigh(0.5 * np.trace(inertia) * np.eye(3) - inertia)
     orders = [list(order) for order in permutations(range(3))]
