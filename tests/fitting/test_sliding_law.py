@@ -39,11 +39,13 @@ def log_of(folder: Path) -> tuple[cmbrl.ComplementarityModel, Transitions]:
     return cmbrl.ComplementarityModel(scene(folder, PUCK)), recorded(PUCK, 1, 6, 100, 0, 1.0)
 
 
-def chosen(model: cmbrl.ComplementarityModel, log: Transitions | PositionLog) -> tuple[str, dict[str, Any] | None]:
-    """The law of sliding that the log supports, and what is told of it."""
+def chosen(
+    model: cmbrl.ComplementarityModel, log: Transitions | PositionLog, rows: int = 200
+) -> tuple[str, dict[str, Any] | None]:
+    """The law of sliding that the log supports, and what is told of it; ``rows``: to fit."""
     evidence = Evidence.of(model, log)
     begin = np.zeros(len(evidence.space))
-    surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 3, 0, 200, 2, Journal(None, ""))
+    surveyor = Surveyor(evidence, evidence.space.default, begin, 0.5, 3, 0, rows, 2, Journal(None, ""))
     found = supported_sliding(surveyor, (1, 4, 10, 20))
     return found.evidence.model.sliding, found.told
 
@@ -75,7 +77,7 @@ def poses(model: cmbrl.ComplementarityModel, log: Transitions, above: float) -> 
 def test_positions_alone_tell_the_law_of_what_touches(above: float, tmp_path: Path) -> None:
     """A puck that touches nothing is not fitted for a choice."""
     model, log = log_of(tmp_path)
-    found, told = chosen(model, poses(model, log, above))
+    found, told = chosen(model, poses(model, log, above), rows=400)
     assert found == ("coulomb" if above else "convex")
     assert (told is None) == bool(above)
 
