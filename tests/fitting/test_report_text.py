@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+import mujoco
+import numpy as np
+import pytest
+
+from cmbrl import ComplementarityModel, Scene, Transitions, fit
+from cmbrl.fitting import Budget
 from cmbrl.fitting.fitted_parameter import FittedParameter
 from cmbrl.fitting.outcome.report_text import render
 
@@ -60,3 +67,28 @@ def test_ratios_that_motion_hardly_tells_are_left_out() -> None:
     assert "if gear.a is what it began at, 1, then" in told(parameters, ratios=[found], set=["gear.a"])
     del found["parameters"]["mass.a"]  # type: ignore[attr-defined]
     assert "ratios" not in told(parameters, ratios=[found])
+
+
+POLE = """<mujoco><option timestep=".005"/><worldbody><body name="pole"><joint name="a" axis="0 1 0" damping=".01"/>
+<geom type="capsule" size=".02" fromto="0 0 0 0 0 {}" mass=".3"/></body></worldbody>
+<actuator><motor name="a" joint="a"/></actuator></mujoco>"""
+
+
+@pytest.mark.parametrize(("end", "beyond"), [(-1.5, True), (-0.6, False)])
+def test_a_centre_that_is_beyond_the_end_of_its_link_is_told(tmp_path: Path, end: float, beyond: bool) -> None:
+    """The pole is three times as long as in the file, or hardly longer."""
+    (tmp_path / "pole.xml").write_text(POLE.format(-0.5))
+    model = mujoco.MjModel.from_xml_string(POLE.format(end))
+    data, rng, rows = mujoco.MjData(model), np.random.default_rng(0), []
+    for row in range(400):
+        data.ctrl[:] = 1.5 * np.sin(0.07 * row) + np.sin(0.19 * row)
+        rows.append([*data.qpos, *data.qvel, *data.ctrl])
+        mujoco.mj_step(model, data, 2)
+    q, v, u = np.array(rows).T[:, :, None] + [[[1e-5]], [[1e-4]], [[0.0]]] * rng.normal(size=(3, 400, 1))
+    episode = np.repeat(np.arange(4), 100)[:-1]
+    log = Transitions(q=q[:-1], v=v[:-1], u=u[:-1], q_next=q[1:], v_next=v[1:], dt=0.01, episode=episode)
+    budget = Budget(survey_rows=300, trial_rows=300, held_out_rows=300, polish_rows=300, starts=1)
+    scene = Scene.from_mjcf(tmp_path / "pole.xml")
+    found = fit(ComplementarityModel(scene), log, groups=["com_z", "inertia"], budget=budget)
+    assert found.report["beyond"] == (["com_z.pole"] if beyond else [])
+    assert ("beyond what is expected" in found.report_text()) is beyond

@@ -88,6 +88,7 @@ def conclude(
         "fitted": named(active),
         "not_fitted": named(~active),
         "at_bound": named(bound),
+        "beyond": _beyond(model, parameters),
         "flat": named(known.flat),
         "flat_directions": known.directions,
         "unseen": named(known.unseen),
@@ -107,6 +108,16 @@ def conclude(
     }
     journal.report(1.0, "done")
     return FitResult(final, parameters, report, incumbent.unseen)
+
+
+def _beyond(model: ComplementarityModel, found: dict[str, FittedParameter]) -> list[str]:
+    """Parameters whose whole interval is beyond the range that is expected of them."""
+    expected = {p.name: p.expected for p in model.scene.parameters if p.reach != 1.0}
+    return [
+        name
+        for name, p in found.items()
+        if p.status == FITTED and name in expected and (p.high < expected[name][0] or p.low > expected[name][1])
+    ]
 
 
 def _parameters(

@@ -31,6 +31,7 @@ _INDENTED: dict[str, Any] = {"initial_indent": "  ", "subsequent_indent": "    "
 _NONE = "  none: the nominal model explains the held-out episodes equally well"
 _LISTS = (  # key in the report, text in front of the names
     ("at_bound", "on a bound"),
+    ("beyond", "beyond what is expected (a load, a part unlike the file's, or a joint of another zero or sign)"),
     ("unseen", "not fitted, and not determined by this log"),
     ("gauge", "known up to a common factor, the unit of force, which is set by the file and not by motion"),
 )
@@ -130,7 +131,7 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
         title = f"flat directions ({len(directions)}; the data say less than the prior)"
         yield from _folded(title, directions, "; ")
     for key, title in _LISTS:
-        if report[key]:
+        if report.get(key):  # fits of earlier versions have less
             yield from _folded(title, report[key])
     for told in (lateness_told(report), untold_delay_told(report), sum_told(parameters)):
         yield from textwrap.wrap(told or "", WIDTH, subsequent_indent="  ")
