@@ -166,6 +166,8 @@ def main() -> None:
     parser.add_argument("--judge", action="store_true")
     arguments = parser.parse_args()
     out: Path = arguments.out
+    if arguments.judge and not (out / "fit/fitted.xml").exists():
+        parser.error(f"{out / 'fit/fitted.xml'}: no such file; record without --judge and fit first")
     out.mkdir(parents=True, exist_ok=True)
     model, true = written(arguments.object, out)
     q, v = tossed(true, UNSEEN, 200)

@@ -14,6 +14,7 @@ import numpy as np
 from cmbrl.data.importing import csv_text
 from cmbrl.data.importing.recording import Recording, need, of_arrays
 from cmbrl.errors import UserError
+from cmbrl.scene.info.columns import counted
 from cmbrl.files import read_json
 from cmbrl.reading import regular_file
 from cmbrl.text import shortened
@@ -33,7 +34,7 @@ def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
     except (OSError, ValueError, csv.Error) as error:
         raise UserError(f"{path}: not readable as CSV ({shortened(str(error), 200)})") from None
     if len(rows) < 3:
-        raise UserError(f"{path}: has {len(rows)} rows; give a header and one row per sample")
+        raise UserError(f"{path}: has {counted(len(rows), 'row')}; give a header and one row per sample")
     header = [name.strip() for name in rows[0]]
     if csv_text.only_numbers(header, delimiter):
         raise UserError(f"{path}: row 1 has numbers, not names; add a header that names the columns")
