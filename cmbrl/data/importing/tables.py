@@ -14,9 +14,9 @@ import numpy as np
 from cmbrl.data.importing import csv_text
 from cmbrl.data.importing.recording import Recording, need, of_arrays
 from cmbrl.errors import UserError
-from cmbrl.scene.info.columns import counted
 from cmbrl.files import read_json
 from cmbrl.reading import regular_file
+from cmbrl.scene.info.columns import counted
 from cmbrl.text import shortened
 
 _NUMBERED = re.compile(r"(?P<array>.*?[A-Za-z])[_.]?\[?(?P<number>\d+)\]?")
