@@ -9,7 +9,17 @@ from itertools import zip_longest
 from typing import Any
 
 from cmbrl.data.drive import scene_of
-from cmbrl.data.importing import base, build, compensation, controls, feet, kept, whereabouts, whole_arrays
+from cmbrl.data.importing import (
+    base,
+    build,
+    compensation,
+    controls,
+    feet,
+    kept,
+    measured_gains,
+    whereabouts,
+    whole_arrays,
+)
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
 from cmbrl.data.importing.commanded import Commanded, idle
@@ -92,6 +102,8 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     if kind == "positions":
         commanded = Commanded.of(keys, scene)
         gains = gains_of(options.kp, options.kd, recordings[0], commanded, scene)
+        gains, by_torques = measured_gains.beside(gains, episodes, dt, commanded, scene)
+        notes += by_torques
         log = build.positions(episodes, dt, scene, commanded, gains, place_told=not by_feet)
         scene_of(log, scene)  # a motor that got targets needs the gains of its servo
     else:

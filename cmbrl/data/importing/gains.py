@@ -50,11 +50,17 @@ def _by_joint(
 
 def _of_file(name: str, owner: str, actuator: int, scene: Scene) -> float:
     """The gain that the file gives to ``actuator``; 0 for a kd that it does not have."""
-    values = {parameter.name: parameter.nominal for parameter in scene.parameters}
-    value = values.get(f"{name}.{scene.actuator_names[actuator]}")
+    value = file_gain(name, actuator, scene)
     if value is None and name == "kp":
         raise UserError(f"no kp for {owner!r}, which is a motor in the file: give --kp {owner}=X, or --kp X for all")
-    return (value or 0.0) * float(scene.core.P[scene.layout.actuator(actuator)]) ** 2
+    return value or 0.0
+
+
+def file_gain(name: str, actuator: int, scene: Scene) -> float | None:
+    """``name``, kp or kd, of ``actuator`` at its joint; None where the file has none."""
+    values = {parameter.name: parameter.nominal for parameter in scene.parameters}
+    value = values.get(f"{name}.{scene.actuator_names[actuator]}")
+    return None if value is None else value * float(scene.core.P[scene.layout.actuator(actuator)]) ** 2
 
 
 def _logged(name: str, held: Mapping[str, Any], owners: Sequence[str], where: str, scene: Scene) -> np.ndarray:
