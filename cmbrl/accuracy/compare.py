@@ -126,8 +126,9 @@ def _predict(model: Model, data: Transitions, starts: np.ndarray, horizon: int) 
     parts = []
     with torch.no_grad():
         for some in np.array_split(starts, -(-len(starts) // CHUNK)):
-            controls = data.u[some[:, None] + np.arange(horizon)]
-            q, v = rollout(model, *(torch.as_tensor(a) for a in (data.q[some], data.v[some], controls)))
+            rows = some[:, None] + np.arange(horizon)
+            given = (data.q[some], data.v[some], data.u[rows], data.q[rows])
+            q, v = rollout(model, *(torch.as_tensor(a) for a in given))
             parts.append((q.numpy(), v.numpy()))
     return np.concatenate([q for q, _ in parts]), np.concatenate([v for _, v in parts])
 

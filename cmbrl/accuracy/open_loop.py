@@ -142,9 +142,9 @@ def _drift(model: Model, log: Transitions, scene: Scene) -> list[np.ndarray]:
     """Errors (T, nv) over one episode, and those from starts that are a little off, to either side."""
     off = _OFF * np.array([0.0, 1.0, -1.0])[:, None] * np.ones(scene.nv)
     start = scene.integrate(np.repeat(log.q[:1], 3, axis=0), off)
-    v, u = (np.repeat(part[None], 3, axis=0) for part in (log.v[0], log.u))
+    given = (np.repeat(part[None], 3, axis=0) for part in (log.v[0], log.u, log.q))
     with torch.no_grad():
-        q, _ = rollout(model, *(torch.as_tensor(part) for part in (start, v, u)))
+        q, _ = rollout(model, *(torch.as_tensor(part) for part in (start, *given)))
     with np.errstate(all="ignore"):
         return [np.asarray(scene.difference(log.q_next, path)) for path in q.numpy()]
 

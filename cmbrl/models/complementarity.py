@@ -142,6 +142,11 @@ class ComplementarityModel(Variations, LogWindows):
         more = sets if sets is not None and sets.shape[1] > len(self.parameters) else None
         return Wiring.of(observer, observer.vector(self.observation), self.scene.nq, self.activations, more)
 
+    @property
+    def integral(self) -> np.ndarray | None:
+        """How controls (nu, nq) change with the integral of positions [1/s]; None where no servo integrates."""
+        return self.observer.integral(self.observer.vector(self.observation), self.scene.nq)
+
     def seen(self, log: Transitions) -> Transitions:
         """``log`` as this model's state and control, with the joints that it does not tell (``following``)."""
         observer, free = self.observer, unlogged(log, self.scene)

@@ -2,53 +2,52 @@
 
 The log tells positions y and commands c. The model's state and control are
 
-    q = y - b,      u_i = a_i + l (a_i - a_(i-1)) / dt + B (b - z),      a_i = sum_k w_k(d, tau) c_(i-k)
+    q = y - b,      u_i = a_i + l (a_i - a_(i-1)) / dt + r s_i + B (b - z - i),    a_i = sum_k w_k(d, tau) c_(i-k)
 
 b is the bias of each encoder. A position servo compares its target with a reading of its own, y - z: with the encoder's
 where z = 0, with the true position where z = b, as where another sensor made the log. B accounts for that.
 w is the response of a delay d followed by a first-order lag tau to a command that is held from one sample to the next,
 averaged over the step, which makes it a smooth function of d and tau. l is the lead of a servo that damps not its own
 velocity but what that lacks of the target's: the gain of the velocity over that of the position, or a share of it.
-Before the first row of an episode, motors were off and position servos held their first target. ``wiring`` does the
-same command by command. Where actuators have a state, u ends with their activations, which follow from the controls of
-the episode so far; they begin at 0.
+s is what a and y have been apart so far, and r the gain on it, of servos that integrate (``integral``); i is what they
+had integrated before an episode. Before its first row motors were off, and position servos held their first target.
+``wiring`` does the same command by command. Where actuators have a state, u ends with their activations, which follow
+from the controls of the episode so far; they begin at 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.models import between
 from cmbrl.models.activations import Activations
+from cmbrl.models.between import AHEAD, BIAS, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, ZERO
+from cmbrl.models.integral import Lacked, OwnIntegral
 from cmbrl.models.late import NEXT, late_response
 from cmbrl.numbers import real
 from cmbrl.scene.fittable.play import plays
-from cmbrl.scene.records import Joint, JointKind, Parameter
+from cmbrl.scene.records import JointKind, Parameter
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.scene import Scene
 
-BIAS, ZERO, LEAD, AHEAD, DELAY, LAG = "bias", "servo_zero", "lead", "ahead", "delay", "lag"  #: groups of parameters
-_BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
-_ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
-_LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of position in stiff servos
-_LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
-_LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
 _AHEAD = 1.5  # of a step of the log, less one of the model: commands that move between its samples, or are logged late
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, leads, delay and lag.
+    """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, gains, delay and lag.
 
-    ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + nzero): the change of
-    the control that a unit of bias, or of a servo's zero, causes. ``holds`` (nu,) bool: position servos. ``ahead`` [s]:
-    by how much commands may act before the log has them.
+    ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + 2 nserved): the change
+    of the control that a unit of bias, of a servo's zero, or of what it had integrated, causes. ``holds`` (nu,) bool:
+    position servos. ``ahead`` [s]: by how much commands may act before the log has them.
     """
 
     parameters: tuple[Parameter, ...]
@@ -60,6 +59,7 @@ class Observation:
     activations: Activations | None = None
     ahead: float = 0.0
     leads: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (nl,) actuators that may lead
+    integrates: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (ni,) that may integrate
 
     @classmethod
     def of(
@@ -71,14 +71,7 @@ class Observation:
         """
         free = {joint.vadr for joint in plays(scene.joints)}  # which no encoder tells
         joints = [j for j in scene.joints if j.kind != JointKind.BALL and j.vadr not in free]
-        late, early = max(_LATENESS[0], _LATENESS[1] * dt), _AHEAD * (dt - (step or dt))
-        commands: list[Parameter] = []
-        if scene.nu:
-            commands = [
-                Parameter(f"{p}.command", p, 0.0, 0.0, late, "linear", "s", reach=_LATE_REACH) for p in (DELAY, LAG)
-            ]
-        if scene.nu and early > 0.0:
-            commands.insert(0, Parameter(f"{AHEAD}.command", AHEAD, 0.0, 0.0, early, "linear", "s", default=False))
+        early = _AHEAD * (dt - (step or dt))
         servo = np.zeros((scene.nu, len(joints)))
         for column, joint in enumerate(joints):
             for k in np.flatnonzero(scene.core.act_line == joint.vadr):
@@ -90,17 +83,16 @@ class Observation:
                 if gain and feedback:
                     servo[k, column] = feedback / gain * scene.core.P[layout.actuator(place)]
         served = np.flatnonzero(servo.any(axis=0))
-        offered = [_bias(BIAS, scene, joint) for joint in joints]
-        offered += [_bias(ZERO, scene, joints[column]) for column in served.tolist()]
-        servo = np.hstack([servo, -servo[:, served]])
+        servo = np.hstack([servo, -servo[:, served], -servo[:, served]])
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
         holds = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] != 0.0 for k in range(scene.nu)], dtype=bool)
-        leads = np.flatnonzero(holds)
-        offered += [
-            Parameter(f"{LEAD}.{scene.actuator_names[k]}", LEAD, 0.0, 0.0, _LEAD_BOUND, "linear", "s", default=False)
-            for k in leads.tolist()
-        ]
-        return cls((*offered, *commands), dt, places[:, 0], places[:, 1], servo, holds, activations, early, leads)
+        leads, integrates = np.flatnonzero(holds), np.flatnonzero(servo[:, : len(joints)].any(axis=1))
+        offered = (
+            *between.of_joints(scene, joints, [joints[column] for column in served.tolist()]),
+            *between.of_servos(scene, leads, integrates),
+            *(between.of_commands(dt, early) if scene.nu else ()),
+        )
+        return cls(offered, dt, places[:, 0], places[:, 1], servo, holds, activations, early, leads, integrates)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -109,6 +101,33 @@ class Observation:
     def nominal(self) -> np.ndarray:
         """psi (n,) of a log that tells state and control exactly."""
         return np.zeros(len(self))
+
+    @cached_property
+    def place(self) -> dict[str, np.ndarray]:
+        """Where in psi the parameters of each group are."""
+        groups = np.array([p.group for p in self.parameters])
+        return {
+            group: np.flatnonzero(groups == group)
+            for group in (BIAS, ZERO, INTEGRATED, LEAD, INTEGRAL, AHEAD, DELAY, LAG)
+        }
+
+    @property
+    def reading(self) -> np.ndarray:
+        """The control (nu, nbias) that a unit of each encoder's reading is compared with as a target, negative."""
+        return self.servo[:, : len(self.joints_q)]
+
+    def integral(self, psi: np.ndarray, nq: int) -> np.ndarray | None:
+        """How controls (nu, nq) change with the integral of positions at ``psi`` (n,) [1/s]; None for not at all."""
+        own = psi[self.place[INTEGRAL]]
+        if not own.any():
+            return None
+        gains = np.zeros((len(self.holds), nq))
+        gains[np.ix_(self.integrates, self.joints_q)] = own[:, None] * self.reading[self.integrates]
+        return gains
+
+    def own_integral(self, psi: np.ndarray, nq: int) -> OwnIntegral:
+        """What corrects the controls of a log at ``psi`` for where a prediction has gone other ways."""
+        return OwnIntegral(self.integral(psi, nq), self.dt)
 
     def vector(self, values: Mapping[str, float]) -> np.ndarray:
         """psi (n,) of the ``values`` by name, nominal where none is given; raises UserError for another name.
@@ -176,58 +195,63 @@ class Observation:
         return found if rows is None else found[rows]
 
     def controls(
-        self, log: Transitions, psi: np.ndarray, rows: np.ndarray | None = None
+        self, log: Transitions, psi: np.ndarray, rows: np.ndarray | None = None, wanted: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Controls (R, nu + na) at ``psi`` (n + nt,), and their derivatives (R, nu + na, n + nt), of ``rows`` (R,).
 
-        Default: of all rows.
+        Default: of all rows. ``wanted``: the numbers of those parameters whose derivatives have to be right.
         """
         own = len(self)
         rows = np.arange(len(log)) if rows is None else rows
+        summed = wanted is None or bool(np.isin(self.place[INTEGRAL], wanted).any())
         if log.u.shape[1] == 0:
             return log.u[rows], np.zeros((len(rows), 0, len(psi)))
         if self.activations is not None:  # they follow from all that came before
             found = self.activations.slopes_along(
-                log.episode, *self._commanded(log, psi, np.arange(len(log))), psi[own:]
+                log.episode, *self._commanded(log, psi, np.arange(len(log)), summed), psi[own:]
             )
             return found[0][rows], found[1][rows]
-        return self._commanded(log, psi, rows)
+        return self._commanded(log, psi, rows, summed)
 
     def _acting(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Commands (R, nu) of ``rows`` that act, without activations."""
         biases = self.servo.shape[1]
         return np.asarray(self._given(log, psi, rows, 1)[0][0] + self.servo @ psi[:biases])
 
-    def _commanded(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same, and their derivatives (R, nu, n + nt)."""
-        biases, own = self.servo.shape[1], len(self)
-        given, rate = self._given(log, psi, rows, 3)
+    def _commanded(
+        self, log: Transitions, psi: np.ndarray, rows: np.ndarray, summed: bool
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same, and their derivatives (R, nu, n + nt); ``summed``: those in the gains of integrals, too."""
+        biases, place = self.servo.shape[1], self.place
+        given, rate, lacked = self._given(log, psi, rows, 3, summed)
         slope = np.zeros((*rate.shape, len(psi)))
         slope[:, :, :biases] = self.servo
-        slope[:, self.leads, biases + np.arange(len(self.leads))] = rate[:, self.leads]
-        slope[:, :, own - 2 : own] = np.moveaxis(given[1:], 0, -1)
-        slope[:, :, self._ahead] = -given[1][:, :, None]
+        slope[:, self.leads, place[LEAD]] = rate[:, self.leads]
+        slope[:, self.integrates, place[INTEGRAL]] = lacked[:, self.integrates]
+        slope[:, :, [*place[DELAY], *place[LAG]]] = np.moveaxis(given[1:], 0, -1)
+        slope[:, :, place[AHEAD]] = -given[1][:, :, None]
         return given[0] + self.servo @ psi[:biases], slope
 
-    @property
-    def _ahead(self) -> list[int]:
-        return [k for k, p in enumerate(self.parameters) if p.group == AHEAD]
-
-    def _given(self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """Late and filtered commands, with what leads add, and the rates (R, nu) that leads take.
+    def _given(
+        self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int, summed: bool = False
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Late and filtered commands, with what leads and integrals add, the rates (R, nu) that leads take, and s.
 
         The first ``count`` (count, R, nu) of: commands, and their derivatives in delay and lag.
         """
-        biases, own = self.servo.shape[1], len(self)
-        lead = np.zeros(log.u.shape[1])
-        lead[self.leads] = psi[biases : biases + len(self.leads)]
-        weights = late_response(float(psi[own - 2] - psi[self._ahead].sum()), float(psi[own - 1]), self.dt)[:count]
+        place, nu = self.place, log.u.shape[1]
+        lead, integral = np.zeros(nu), np.zeros(nu)
+        lead[self.leads], integral[self.integrates] = psi[place[LEAD]], psi[place[INTEGRAL]]
+        early = float(psi[place[DELAY]].sum() - psi[place[AHEAD]].sum())
+        weights = late_response(early, float(psi[place[LAG]].sum()), self.dt)[:count]
         begins = np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
-        block = np.searchsorted(begins, rows, side="right") - 1
-        first, last = begins[block], begins[block + 1] - 1
-        acted, rate = np.zeros((2, count, len(rows), log.u.shape[1]))
+        block = np.searchsorted(begins, np.arange(len(log)), side="right") - 1
+        begin, end = begins[block], begins[block + 1] - 1
+        first, last = begin[rows], end[rows]
+        acted, rate, lacked = np.zeros((3, count, len(rows), nu))
         changes = np.diff(np.pad(weights, ((0, 0), (0, 1))), axis=1, prepend=0.0) / self.dt
         rated = bool(lead.any()) or count > 1
+        total = Lacked(log, self.joints_q, self.reading, begin, end) if summed or integral.any() else None
         for k, (weight, change) in enumerate(zip(np.pad(weights, ((0, 0), (0, 1))).T, changes.T, strict=True), -NEXT):
             if not (weight.any() or change.any()):
                 continue
@@ -235,11 +259,8 @@ class Observation:
             acted += weight[:, None, None] * told
             if rated:
                 rate += change[:, None, None] * told
-        return acted + lead * rate, rate[0]
-
-
-def _bias(group: str, scene: Scene, joint: Joint) -> Parameter:
-    unit = "m" if joint.kind == JointKind.SLIDE else "rad"
-    name = f"{group}.{scene.coordinate_names[joint.vadr]}"
-    reach = _ZERO_REACH if group == ZERO else 1.0
-    return Parameter(name, group, 0.0, -_BIAS_BOUND, _BIAS_BOUND, "linear", unit, default=False, reach=reach)
+            if total is not None:
+                lacked += weight[:, None, None] * total.targets(rows, k)
+        if total is not None:
+            lacked[0] += total.read[rows]
+        return acted + lead * rate + integral * lacked, rate[0], lacked[0]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
+from cmbrl.models.integral import own_integral
+
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.models.manifold import Coordinates
@@ -129,14 +131,16 @@ class HasLawOfSliding(CountsFailures, HasCoordinates, Protocol):
         ...
 
 
-def rollout(model: Model, q: Tensor, v: Tensor, controls: Tensor) -> tuple[Tensor, Tensor]:
+def rollout(model: Model, q: Tensor, v: Tensor, controls: Tensor, told: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Open-loop prediction from q (B, nq), v (B, nv): the states (B, H, nq), (B, H, nv) after each control (B, H, nu).
 
-    Differentiable if the model's step is.
+    ``told`` (B, H, nq): positions of the log at each control, for servos that integrate what they are off. There the
+    integral of the log is replaced by the prediction's own. Differentiable if the model's step is.
     """
     positions, velocities = [], []
-    for control in controls.unbind(dim=1):
-        q, v = model.step(q, v, control)
+    own = own_integral(model)
+    for k, control in enumerate(controls.unbind(dim=1)):
+        q, v = model.step(q, v, control if told is None else own(control, q, told[:, k]))
         positions.append(q)
         velocities.append(v)
     return torch.stack(positions, dim=1), torch.stack(velocities, dim=1)

@@ -17,6 +17,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -116,6 +117,11 @@ class ResidualModel(Around):
     def seen(self, log: Transitions) -> Transitions:
         """``log`` as the model's state and control."""
         return self.model.seen(log)
+
+    @property
+    def integral(self) -> np.ndarray | None:
+        """That of the model."""
+        return self.model.integral
 
     def under_other_law(self, law: OtherLaw = "sliding") -> ResidualModel | None:
         """The same with the model under another law (see there); None if it has none."""

@@ -8,8 +8,9 @@ c_(i-k-1) for a time r and then c_(i-k); between changes of the command, the lag
     x(t) = a + (x(0) - a) exp(-t / tau),      mean over r:  a + (x(0) - a) (1 - exp(-r / tau)) tau / r
 
 so that mean and next x are linear in x and these two commands. A servo that leads by l adds l times the rate of these
-means from step to step. Memory: k + 1 commands, x, and the last mean; then the activations of actuators that have a
-state, which are 0 when an episode begins.
+means from step to step. One that integrates adds r times the integral of what mean and y have been apart
+(``integral``). Memory: k + 1 commands, x, and the last mean; then these integrals, and the activations of actuators
+that have a state, which are 0 when an episode begins.
 """
 
 from __future__ import annotations
@@ -23,7 +24,8 @@ import torch
 from torch import Tensor
 
 from cmbrl.models.activations import Activations
-from cmbrl.models.observation import AHEAD, DELAY, LAG, Observation
+from cmbrl.models.between import AHEAD, BIAS, DELAY, INTEGRAL, LAG, LEAD, ZERO
+from cmbrl.models.observation import Observation
 from cmbrl.models.protocol import Model
 
 Step = Callable[..., tuple[Tensor, Tensor]]
@@ -33,12 +35,13 @@ _NONE = 1e-12  # s: a lag that is divided by
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """``delay`` and ``lag`` [s] of commands, ``lead`` (nu,) [s]; ``bias`` (nq,), its part ``shift`` (nu,) of controls.
+    """``delay`` and ``lag`` [s] of commands, ``lead`` (nu,) [s], ``integral`` (nu,) [1/s]; ``bias`` (nq,).
 
-    They have a row each: one for all robots, or one a robot (``rows``). ``holds`` (nu,) bool: position servos, which
-    held the first command before an episode; motors were off. ``kept``: past commands in memory; ``lags``, ``leads``:
-    whether it holds a lag's state, and the last mean, as well. ``observer`` and ``nq`` are the model's, to read the
-    rows of other robots; ``physical``: after how many parameters these begin, if there are any.
+    ``shift`` (nu,): what biases and zeros add to controls. They have a row each: one for all robots, or one a robot
+    (``rows``). ``holds`` (nu,) bool: position servos, which held the first command before an episode; motors were off.
+    ``kept``: past commands in memory; ``lags``, ``leads``, ``sums``: whether it holds a lag's state, the last mean, and
+    integrals, as well. ``observer`` and ``nq`` are the model's, to read the rows of other robots; ``physical``: after
+    how many parameters these begin, if there are any.
     """
 
     observer: Observation
@@ -47,12 +50,14 @@ class Wiring:
     delay: Tensor
     lag: Tensor
     lead: Tensor
+    integral: Tensor
     bias: Tensor
     shift: Tensor
     holds: Tensor
     kept: int
     lags: bool
     leads: bool
+    sums: bool
     activations: Activations | None = None
 
     @classmethod
@@ -69,19 +74,21 @@ class Wiring:
         if candidates is not None:
             physical = candidates.shape[1] - len(observer)
             every = np.vstack([every, candidates[:, physical:]])
-        delay, lag, lead, bias, shift = _read(observer, every, nq)
-        if candidates is None and not (any(x.any() for x in (delay, lag, lead, bias, shift)) or activations):
+        read = _read(observer, every, nq)
+        if candidates is None and not (any(x.any() for x in read) or activations):
             return None
+        delay, lag, lead, integral, bias, shift = read
         return cls(
-            observer, nq, physical, delay[:1], lag[:1], lead[:1], bias[:1], shift[:1], torch.from_numpy(observer.holds),
+            observer, nq, physical, delay[:1], lag[:1], lead[:1], integral[:1], bias[:1], shift[:1],
+            torch.from_numpy(observer.holds),
             kept=int(float(delay.max()) / observer.dt) + 1 if delay.any() else 0,
-            lags=bool(lag.any()), leads=bool(lead.any()), activations=activations,
+            lags=bool(lag.any()), leads=bool(lead.any()), sums=bool(integral.any()), activations=activations,
         )  # fmt: skip
 
     def rows(self, psi: Tensor) -> Wiring:
         """Robots with one of their own each: psi (B, n), of those that the memory was made for."""
-        delay, lag, lead, bias, shift = _read(self.observer, psi.numpy(), self.nq)
-        return replace(self, delay=delay, lag=lag, lead=lead, bias=bias, shift=shift)
+        delay, lag, lead, integral, bias, shift = _read(self.observer, psi.numpy(), self.nq)
+        return replace(self, delay=delay, lag=lag, lead=lead, integral=integral, bias=bias, shift=shift)
 
     @property
     def dt(self) -> float:
@@ -98,27 +105,34 @@ class Wiring:
         """Columns of the memory that hold commands."""
         return len(self.holds) * (self.kept + self.lags + self.leads)
 
+    @property
+    def sum_width(self) -> int:
+        """Columns of the memory that hold integrals."""
+        return len(self.holds) * self.sums
+
     def begin(self, count: int) -> Tensor:
         """The memory (count, ...) of robots at rest; NaN stands for the first command."""
         rest = torch.where(self.holds, torch.nan, 0.0).double()
         late = rest.repeat(count, self.late_width // max(1, len(self.holds)))
-        return torch.cat([late, torch.zeros(count, len(self.activations or ()), dtype=late.dtype)], dim=1)
+        others = self.sum_width + len(self.activations or ())
+        return torch.cat([late, torch.zeros(count, others, dtype=late.dtype)], dim=1)
 
-    def arrive(self, memory: Tensor, command: Tensor) -> tuple[Tensor, Tensor]:
-        """The mean (B, nu) of what reaches the motors in a step under ``command`` (B, nu), and the next memory."""
+    def arrive(self, memory: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """What reaches the servos in a step under ``command`` (B, nu), in the mean; with leads; and the next memory."""
         nu, kept = command.shape[1], self.kept
         if not self.late_width:
-            return command, memory
+            return command, command, memory
         told = torch.where(torch.isnan(memory), command.repeat(1, memory.shape[1] // nu), memory)
         queue = [command, *(told[:, nu * k : nu * (k + 1)] for k in range(kept))]  # newest first
         whole = (self.delay / self.dt).floor()
         first = self.delay - whole * self.dt
         later, early = (_picked(queue, (whole + k).long()) for k in (0, 1))
         mean, rest = self._mean(told[:, nu * kept : nu * (kept + 1)], early, later, first)
+        led = mean
         if self.leads:
             rest.append(mean)
-            mean = mean + self.lead / self.dt * (mean - told[:, nu * (kept + self.lags) :])
-        return mean, torch.cat([*queue[:kept], *rest], dim=1)
+            led = mean + self.lead / self.dt * (mean - told[:, nu * (kept + self.lags) :])
+        return mean, led, torch.cat([*queue[:kept], *rest], dim=1)
 
     def _mean(self, state: Tensor, early: Tensor, later: Tensor, first: Tensor) -> tuple[Tensor, list[Tensor]]:
         """The mean (B, nu) of commands, ``early`` for the ``first`` seconds of a step, and the lag's next ``state``."""
@@ -134,30 +148,39 @@ class Wiring:
 
     def move(self, step: Step, memory: Tensor, q: Tensor, v: Tensor, u: Tensor, *more: Any) -> tuple[Tensor, ...]:
         """The measured state after a step of a model from the measured q, v under the command u, and the memory."""
-        late, states = memory.tensor_split((self.late_width,), dim=1)
-        control, late = self.arrive(late, u)
+        late, sums, states = memory.tensor_split((self.late_width, self.late_width + self.sum_width), dim=1)
+        target, control, late = self.arrive(late, u)
+        if self.sums:
+            half = 0.5 * self.dt * (target + self._read_by_servos(q))
+            control, sums = control + self.integral * (sums + half), sums + half
         controls = torch.cat([control + self.shift, states], dim=1)
         if self.activations is not None:
             states = self.activations.next(controls, *more)
         q_next, v_next = step(q - self.bias, v, controls, *more)
-        return q_next + self.bias, v_next, torch.cat([late, states], dim=1)
+        q_next = q_next + self.bias
+        if self.sums:
+            sums = sums + 0.5 * self.dt * (target + self._read_by_servos(q_next))
+        return q_next, v_next, torch.cat([late, sums, states], dim=1)
+
+    def _read_by_servos(self, q: Tensor) -> Tensor:
+        """What (B, nu) encoders at ``q`` (B, nq) take from targets."""
+        return q[:, self.observer.joints_q] @ torch.from_numpy(self.observer.reading).T
 
 
-def _read(observer: Observation, psi: np.ndarray, nq: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """Delay and lag (R, 1), lead (R, nu), bias (R, nq) and its part (R, nu) of controls, of ``psi`` (R, n or more)."""
-    groups = [p.group for p in observer.parameters]
-    late = [psi[:, [groups.index(name)]] if name in groups else np.zeros((len(psi), 1)) for name in (DELAY, LAG)]
-    if AHEAD in groups:
-        late[0] = late[0] - psi[:, [groups.index(AHEAD)]]
-        late[1] = late[1] + np.minimum(late[0], 0.0)  # as ``late_response`` has it; no process acts before it is told
-    late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in late]
-    bias = np.zeros((len(psi), nq))
-    bias[:, observer.joints_q] = psi[:, : len(observer.joints_q)]
-    biases, lead = observer.servo.shape[1], np.zeros((len(psi), len(observer.holds)))
-    shift = psi[:, :biases] @ observer.servo.T
-    lead[:, observer.leads] = psi[:, biases : biases + len(observer.leads)]
-    delay, lag, leads, offset, shifts = (torch.from_numpy(np.ascontiguousarray(x)) for x in (*late, lead, bias, shift))
-    return delay, lag, leads, offset, shifts
+def _read(observer: Observation, psi: np.ndarray, nq: int) -> list[Tensor]:
+    """Of ``psi`` (R, n or more): delay and lag (R, 1), lead and integral (R, nu), bias (R, nq), shift (R, nu)."""
+    place = observer.place
+    delay, lag = (psi[:, place[name]].sum(axis=1, keepdims=True) for name in (DELAY, LAG))
+    if len(place[AHEAD]):
+        delay = delay - psi[:, place[AHEAD]]
+        lag = lag + np.minimum(delay, 0.0)  # as ``late_response`` has it; no process acts before it is told
+    late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in (delay, lag)]
+    bias, (lead, integral) = np.zeros((len(psi), nq)), np.zeros((2, len(psi), len(observer.holds)))
+    bias[:, observer.joints_q] = psi[:, place[BIAS]]
+    lead[:, observer.leads], integral[:, observer.integrates] = psi[:, place[LEAD]], psi[:, place[INTEGRAL]]
+    kept = np.append(place[BIAS], place[ZERO])  # a log's servos may have integrated before; a process begins anew
+    shift = psi[:, kept] @ observer.servo[:, kept].T
+    return [torch.from_numpy(np.ascontiguousarray(x)) for x in (*late, lead, integral, bias, shift)]
 
 
 def _picked(queue: list[Tensor], place: Tensor) -> Tensor:

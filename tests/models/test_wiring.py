@@ -11,6 +11,7 @@ from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP, never
 from cmbrl.models.observation import Observation
+from cmbrl.models.protocol import rollout
 from cmbrl.models.wiring import Robots, Wiring, wiring_of
 
 DT = 0.01
@@ -30,9 +31,12 @@ def arm(tmp_path: Path) -> Scene:
     return Scene.from_mjcf(tmp_path / "arm.xml")
 
 
-def model_of(arm: Scene, delay: float, lag: float, bias: float = 0.0, lead: float = 0.0) -> ComplementarityModel:
+def model_of(
+    arm: Scene, delay: float, lag: float, bias: float = 0.0, lead: float = 0.0, integral: float = 0.0
+) -> ComplementarityModel:
     observation = {"delay.command": delay, "lag.command": lag, "bias.a": bias, "bias.b": -bias}
-    observation |= {f"lead.{name}": lead for name in arm.actuator_names[:1]}
+    servo = arm.actuator_names[0]
+    observation |= {f"lead.{servo}": lead, f"integral.{servo}": integral}
     return ComplementarityModel(arm, time_step=DT, observation=observation)
 
 
@@ -55,7 +59,7 @@ def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float, lea
     assert wiring is not None
     memory, found = wiring.begin(3), []
     for command in given:
-        control, memory = wiring.arrive(memory, command)
+        _, control, memory = wiring.arrive(memory, command)
         found.append(control + wiring.shift)
     np.testing.assert_allclose(torch.stack(found, dim=1).numpy(), expected, atol=1e-8)
 
@@ -69,7 +73,7 @@ def test_the_derivative_of_a_rollout_in_its_commands(arm: Scene, delay: float, l
     def arrived(given: torch.Tensor) -> torch.Tensor:
         memory, found = wiring.begin(1), []
         for command in given:
-            control, memory = wiring.arrive(memory, command)
+            _, control, memory = wiring.arrive(memory, command)
             found.append(control)
         return torch.cat(found)
 
@@ -94,7 +98,7 @@ def test_a_model_without_lateness_is_stepped_as_it_is(arm: Scene) -> None:
     assert robots.memory.shape == (2, 0)
     assert robots.step == model.step
     assert wiring_of(object()) is None
-    psi = np.array([0.0, 0.0, 0.0, 0.0, 1e-6, 0.0])  # far below a step
+    psi = np.array([*np.zeros(6), 1e-6, 0.0])  # far below a step
     assert Wiring.of(Observation.of(arm, DT), psi, arm.nq) is None
 
 
@@ -108,9 +112,10 @@ def process(arm: Scene, length: int) -> MDP:
     )  # fmt: skip
 
 
-def test_a_simulation_moves_as_the_log_that_it_would_leave(arm: Scene) -> None:
+@pytest.mark.parametrize("integral", [0.0, 5.0])
+def test_a_simulation_moves_as_the_log_that_it_would_leave(arm: Scene, integral: float) -> None:
     """Measured states and commands, read through the observation, are exact transitions of the model."""
-    model, given = model_of(arm, 0.013, 0.02, bias=0.05), commands(30, 1)
+    model, given = model_of(arm, 0.013, 0.02, bias=0.05, lead=0.01, integral=integral), commands(30, 1)
     simulation = Simulation(process(arm, 30), model, 1)
     states = [(simulation.q, simulation.v)]
     for command in given[:-1]:
@@ -125,6 +130,17 @@ def test_a_simulation_moves_as_the_log_that_it_would_leave(arm: Scene) -> None:
     found = model.predict(seen.q, seen.v, seen.u)
     np.testing.assert_allclose(found.q_next, seen.q_next, atol=1e-9)
     np.testing.assert_allclose(found.v_next, seen.v_next, atol=1e-7)
+    start, told = (torch.from_numpy(np.stack([x, x])) for x in (seen.q, seen.q))
+    moved = torch.tensor([[0.0, 0.0], [0.1, -0.1]]).double()  # the second one starts elsewhere, and so does the robot
+    path, _ = rollout(
+        model, start[:, 0] + moved, torch.zeros(2, 2).double(), torch.from_numpy(np.stack([seen.u] * 2)), told
+    )
+    np.testing.assert_allclose(path[0].numpy(), seen.q_next, atol=1e-8)
+    other = Simulation(process(arm, 30), model, 1)
+    other.q = other.q + moved[1:]
+    for command in given[:-1]:
+        other.step(other.observe(), command)
+    np.testing.assert_allclose(path[1, -1].numpy(), other.q[0].numpy() - np.array([0.05, -0.05]), atol=1e-8)
 
 
 def test_robots_have_delay_lag_and_bias_of_their_own(arm: Scene) -> None:
@@ -157,7 +173,7 @@ def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
 
 def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm: Scene) -> None:
     model = model_of(arm, 0.013, 0.02)
-    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, 0.02 * (d > 0.0), d, lag]) for d, lag in LATE])
+    sets = np.stack([np.append(model.parameters, [*np.zeros(4), 0.02 * (d > 0.0), 0.0, d, lag]) for d, lag in LATE])
     wiring = model.with_settings(candidates=sets).wiring
     assert wiring is not None
     robots = wiring.rows(torch.from_numpy(sets[:, len(model.parameters) :]))
@@ -165,7 +181,7 @@ def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm:
     def arrived(given: torch.Tensor) -> torch.Tensor:
         memory, found = robots.begin(len(LATE)), []
         for command in given:
-            control, memory = robots.arrive(memory, command)
+            _, control, memory = robots.arrive(memory, command)
             found.append(control)
         return torch.cat(found)
 
@@ -175,7 +191,7 @@ def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm:
 def test_every_episode_has_a_delay_of_its_own(arm: Scene) -> None:
     """Also where the fit itself has none, and after an episode's end."""
     model = model_of(arm, 0.0, 0.0)
-    sets = np.stack([np.append(model.parameters, [0.0, 0.0, 0.0, 0.0, d, 0.0]) for d in (0.0, 0.02)])
+    sets = np.stack([np.append(model.parameters, [*np.zeros(6), d, 0.0]) for d in (0.0, 0.02)])
     model = model.with_settings(candidates=sets)
     simulation = Simulation(process(arm, 4), model, 16, disturbance=Disturbance(parameters=parameter_sets(model, 0.0)))
     push, seen = torch.ones(16, 2, dtype=torch.float64), []

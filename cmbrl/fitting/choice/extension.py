@@ -25,13 +25,14 @@ from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
 from cmbrl.fitting.search.gauss_newton import gauss_newton
 from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import NotFinite, Objective
-from cmbrl.models.observation import AHEAD, LEAD, ZERO
+from cmbrl.models.between import AHEAD, INTEGRAL, INTEGRATED, LEAD, ZERO
 from cmbrl.scene.fittable.parameters import TILT
 
 #: act in proportion; to first order, dry friction takes the part of Stribeck's
-_FORECAST = (*GAINS, AHEAD, LEAD, TILT, ZERO, "friction_slope")
+_FORECAST = (*GAINS, AHEAD, LEAD, INTEGRAL, TILT, ZERO, "friction_slope")
 #: tried on positions: held, or in no file
-LAWS = (*GAINS, AHEAD, LEAD, TILT, *drives.GROUPS, ZERO, "friction_slope", "stribeck")
+LAWS = (*GAINS, AHEAD, LEAD, INTEGRAL, TILT, *drives.GROUPS, ZERO, "friction_slope", "stribeck")
+_WITH = {INTEGRAL: (INTEGRATED,)}  # what a law needs besides
 _AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
 _WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
 _OF_A_LAW = 0.1  # of the loss, at least: several are tried, and each holds where no log has been
@@ -180,7 +181,7 @@ class Extension(Trials):
         self.journal.check_time()
         objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z, incumbent.least)
         forecast = Forecast.at(self.folds, self.space, incumbent.z, objective.strength)
-        already, columns = forecast.gain(incumbent.active), {law: self.space.columns([law]) for law in told}
+        already, columns = forecast.gain(incumbent.active), {law: self._columns(law) for law in told}
         idle = [
             law for law, own in columns.items()
             if not forecast.blank(own)
@@ -189,12 +190,16 @@ class Extension(Trials):
         ]  # fmt: skip
         return [law for law in laws if law not in idle]
 
+    def _columns(self, law: str) -> np.ndarray:
+        """Mask (n,) of the parameters of a ``law`` and of what it needs besides."""
+        return self.space.columns([law, *_WITH.get(law, ())])
+
     def _law(self, incumbent: Incumbent, group: str, before: Errors) -> Trial | None:
         """A fit with the law of ``group`` besides; None if nothing of it lowers the loss of what it is fitted to."""
         if group not in drives.GROUPS and group not in _FORECAST:
             return self._added(incumbent, [group], before)
         self._tell(incumbent, f"trying {group}")
-        name, helps, start = f"add {len(incumbent.path)} {group}", self.space.columns([group]), None
+        name, helps, start = f"add {len(incumbent.path)} {group}", self._columns(group), None
         if group in drives.GROUPS:
             start, helps = self._scan(group, incumbent.z, LEAST_GAIN)
         else:

@@ -16,9 +16,10 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.log.position_noise import slopes
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.space import Space
+from cmbrl.models.between import BIAS, DELAY, LAG
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.following import followed
-from cmbrl.models.observation import BIAS, DELAY, LAG, Observation
+from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.models.wiring import LEAST
 from cmbrl.scene import Scene

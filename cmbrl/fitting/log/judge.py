@@ -81,8 +81,11 @@ class Judge:
         else:
             physical = model.parameters
         q, v = log.q[self.starts], log.v[self.starts]
+        observation, nq = self.evidence.observation, self.evidence.model.scene.nq
+        own = observation.own_integral(observation.split(theta)[1], nq)
         for j in range(self.horizon):
-            step = model.predict(q, v, log.u[self.starts + j], theta=physical)
+            rows = self.starts + j
+            step = model.predict(q, v, own(log.u[rows], q, log.q[rows]), theta=physical)
             q, v = step.q_next, step.v_next
         return self._off(log, q, v)
 

@@ -24,7 +24,7 @@ from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.state import Journal
-from cmbrl.models.observation import AHEAD, DELAY, LAG
+from cmbrl.models.between import AHEAD, DELAY, LAG
 from cmbrl.models.windows import huber
 
 _FACTORS = (0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0)  # by which rates are mistaken

@@ -49,7 +49,7 @@ class Lineariser:
         self.seen = windows.on_rows(observation.states(data, psi, rows))
         self.bias = observation.state_slope(nv)[:, own]  # of the state that the log tells
         none = np.zeros((*self.seen.data.u.shape, 0))
-        driven = observation.controls(data, psi, rows)[1][:, :, own] if len(own) else none
+        driven = observation.controls(data, psi, rows, own)[1][:, :, own] if len(own) else none
         self.driven = np.ascontiguousarray(driven)
         self.uncertain = len(windows.scales.uncertain)
         self.begun = np.hstack([np.eye(2 * nv)[:, windows.scales.uncertain], self.bias])

@@ -125,13 +125,13 @@ def _open_loop(model: ComplementarityModel, unseen: Unseen, first: int, steps: i
         physical, psi = unseen.observation.split(values)
         seen = unseen.observation.states(unseen.log, psi)
         q, v = seen.q[first : first + 1], seen.v[first : first + 1]
-        path = [q]
-        for u in seen.u[rows]:
-            step = model.predict(q, v, u[None], theta=physical)
+        path, own = [q], unseen.observation.own_integral(psi, model.scene.nq)
+        for u, logged in zip(seen.u[rows], seen.q[rows], strict=True):
+            step = model.predict(q, v, own(u[None], q, logged), theta=physical)
             q, v = step.q_next, step.v_next
             path.append(q)
         told = np.concatenate(path)
         told[:, unseen.observation.joints_q] += psi[: len(unseen.observation.joints_q)]
         states.append(coordinates(model, told))
-    logged = np.concatenate([unseen.log.q[first : first + 1], unseen.log.q_next[rows]])
-    return Window(coordinates(model, logged), *states)
+    true = np.concatenate([unseen.log.q[first : first + 1], unseen.log.q_next[rows]])
+    return Window(coordinates(model, true), *states)

@@ -1,0 +1,52 @@
+"""The parameters of what lies between a log and the state of a model (``observation``): their groups and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cmbrl.scene import Scene
+from cmbrl.scene.records import Joint, JointKind, Parameter
+
+BIAS, ZERO, INTEGRATED = "bias", "servo_zero", "integrated"  #: groups, of joints
+LEAD, INTEGRAL = "lead", "integral"  #: groups, of servos
+AHEAD, DELAY, LAG = "ahead", "delay", "lag"  #: groups, of all commands
+_BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
+_ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
+_INTEGRATED_BOUND = 1.0  # [rad] or [m], of a target: weak gains hold a load by much
+_LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of position in stiff servos
+_INTEGRAL_BOUND = 30.0  # [1/s]: most integrals take a fifth of a second to a few seconds
+_LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
+_LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
+
+
+def of_joints(scene: Scene, joints: Sequence[Joint], served: Sequence[Joint]) -> list[Parameter]:
+    """A bias of the encoder of each of ``joints``; of servos of the ``served``, zeros, and what they had integrated."""
+    found = [_offset(BIAS, scene, joint, _BIAS_BOUND) for joint in joints]
+    found += [_offset(ZERO, scene, joint, _BIAS_BOUND, _ZERO_REACH) for joint in served]
+    return found + [_offset(INTEGRATED, scene, joint, _INTEGRATED_BOUND) for joint in served]
+
+
+def of_servos(scene: Scene, leads: np.ndarray, integrates: np.ndarray) -> list[Parameter]:
+    """A lead of each of the actuators ``leads`` (nl,), then an integral of each of ``integrates`` (ni,)."""
+    found = []
+    for group, own, bound, unit in ((LEAD, leads, _LEAD_BOUND, "s"), (INTEGRAL, integrates, _INTEGRAL_BOUND, "1/s")):
+        names = [scene.actuator_names[k] for k in own.tolist()]
+        found += [Parameter(f"{group}.{n}", group, 0.0, 0.0, bound, "linear", unit, default=False) for n in names]
+    return found
+
+
+def of_commands(dt: float, early: float) -> list[Parameter]:
+    """By how much commands act before the log has them, up to ``early`` [s], and their delay and lag."""
+    late = max(_LATENESS[0], _LATENESS[1] * dt)
+    found = [Parameter(f"{AHEAD}.command", AHEAD, 0.0, 0.0, early, "linear", "s", default=False)] if early > 0.0 else []
+    return found + [
+        Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s", reach=_LATE_REACH) for group in (DELAY, LAG)
+    ]
+
+
+def _offset(group: str, scene: Scene, joint: Joint, bound: float, reach: float = 1.0) -> Parameter:
+    unit = "m" if joint.kind == JointKind.SLIDE else "rad"
+    name = f"{group}.{scene.coordinate_names[joint.vadr]}"
+    return Parameter(name, group, 0.0, -bound, bound, "linear", unit, default=False, reach=reach)

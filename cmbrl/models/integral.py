@@ -1,0 +1,77 @@
+"""Integral action of position servos: what target and encoder have been apart so far goes on pulling.
+
+Such a servo, as most PID controllers of positions are, holds a load without being off. Its control is the target and
+
+    r s,    s' = target - reading,
+
+r being the gain of the integral over that of the position. A log tells targets and readings, so it tells s. A
+prediction that starts from the log has the s of its start, and goes on by what it is apart from the target itself.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+
+
+class Lacked:
+    """What targets and readings of a log have been apart, with s = 0 at the start of each episode.
+
+    ``reading`` (nu, n): the control that a unit of each position (N, n) of the ``log`` takes the place of, negative.
+    ``last`` (N,): the last row of each row's episode.
+    """
+
+    def __init__(
+        self, log: Transitions, joints: np.ndarray, reading: np.ndarray, first: np.ndarray, last: np.ndarray
+    ) -> None:
+        self.dt, self.u, self.first, self.last = log.dt, log.u, first, last
+        self.given = self._sum(log.u)
+        before, after = (q[:, joints] @ reading.T for q in (log.q, log.q_next))
+        self.read = self._sum(0.5 * (before + after)) + 0.5 * log.dt * before  # to the middle of the step, by its start
+
+    def _sum(self, x: np.ndarray) -> np.ndarray:
+        """Of ``x`` (N, nu), the integral from the start of the episode to the start of each row."""
+        total = self.dt * (np.cumsum(x, axis=0) - x)
+        return np.asarray(total - total[self.first])
+
+    def targets(self, rows: np.ndarray, back: int) -> np.ndarray:
+        """The integral (R, nu) of commands ``back`` steps late, to the middle of the step of each of ``rows``.
+
+        Beyond an episode its first and last commands were and are held.
+        """
+        now, begun = self._until(rows - back, rows), self._until(self.first[rows] - back, rows)
+        return now + 0.5 * self.dt * self.u[np.clip(rows - back, self.first[rows], self.last[rows])] - begun
+
+    def _until(self, at: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        inside = np.clip(at, self.first[rows], self.last[rows])
+        return np.asarray(self.given[inside] + self.dt * (at - inside)[:, None] * self.u[inside])
+
+
+class OwnIntegral:
+    """Controls of a log, corrected step by step for where a prediction from it has gone other ways.
+
+    ``gains`` (nu, nq) [1/s]: how controls change with the integral of positions; None for not at all.
+    """
+
+    def __init__(self, gains: Any, dt: float) -> None:
+        self.gains, self.dt = gains, dt
+        self.apart: Any = None  #: (B, nq): what the positions of prediction and log have been apart
+
+    def __call__(self, u: Any, q: Any, told: Any) -> Any:
+        """The control (B, nu) for ``u`` of the log where the prediction is at ``q`` (B, nq), and the log ``told``."""
+        if self.gains is None:
+            return u
+        off = self.dt * (q - told)
+        self.apart = 0.5 * off if self.apart is None else self.apart + off  # to the middle of the step
+        return u + self.apart @ self.gains.T
+
+
+def own_integral(model: Any) -> OwnIntegral:
+    """That of a model whose servos may integrate."""
+    gains = getattr(model, "integral", None)
+    return OwnIntegral(None if gains is None else torch.from_numpy(gains), model.dt)
