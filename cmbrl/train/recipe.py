@@ -30,7 +30,7 @@ Settings = dict[str, Any]
 # steps everything is left to the critic; beyond 32, noise and cost grow without a gain.
 WINDOW, WINDOW_STEPS = 0.35, (10, 32)  # s, control steps
 # Of SHAC, where derivatives grow: no longer than they take to grow so much, which leaves more to the critic.
-GROWTH, SHORTEST = 2.5, 4  # times, control steps
+GROWTH, SHORTEST = 1.45, 4  # times, control steps
 # Discount 1 - 1/n: rewards count for n control steps, about 2.5 s of a robot's balance or gait.
 MEMORY, MEMORY_STEPS = 2.5, (100, 200)  # s, control steps
 # An update sees about 2,048 control steps, whatever their duration: that fixes the noise of its gradient.

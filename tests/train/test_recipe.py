@@ -167,6 +167,20 @@ def test_growth_is_that_of_the_motion() -> None:
     assert steep == 1
 
 
+def test_units_are_no_growth() -> None:
+    """A velocity in other units than the one that drives it, such as that of a ball that rolls, grows by none of it."""
+    mdp = replace(decision_process(load_task("hopper")), dt=0.1)
+
+    class Rolling:
+        name = "rolling"
+
+        def step(self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            turns = torch.tensor([1.0, 50.0, 1.0, 1.0, 1.0, 1.0], dtype=v.dtype)
+            return q, v[:, :1] * turns + 0.1 * u.mean(dim=1, keepdim=True)
+
+    assert steady_steps(mdp, Rolling(), 20, 2.5) == 20  # type: ignore[arg-type]
+
+
 def test_windows_in_steps_override_those_in_seconds() -> None:
     task = load_task("cheetah")
     assert task.mdp is not None
