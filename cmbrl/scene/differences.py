@@ -90,7 +90,8 @@ def _shapes(model: mujoco.MjModel, candidates: CandidateTable) -> Iterator[LeftO
     rims = candidates.geoms[candidates.rows(ContactKind.RIM_PLANE), 0]
     for geom in rims[_firsts(rims)].tolist():
         tilt, depth = 1e3 * _FLAT_TILT, _millimetres(_RIM_ERROR * model.geom_size[geom, 0])
-        why = f"it stands on feet inside its rim; tilted by less than {tilt:g} mrad it may sink in by {depth}"
+        low = f"tilted by less than {tilt:g} mrad it may sink in by {depth}"
+        why = f"where rows look ahead, it stands on feet inside its rim; {low}"
         yield LeftOut("cylinder", name_of(model, "geom", geom), why)
     segments = candidates.rows(ContactKind.SEGMENT_SEGMENT)
     acting = np.column_stack([candidates.geoms[segments], candidates.when[segments]])

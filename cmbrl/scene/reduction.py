@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.scene.collision.contact_records import Candidate, ContactKind
+from cmbrl.scene.collision.contact_records import ROUND_ENDS, Candidate, ContactKind
 from cmbrl.scene.records import WORLD, Array, Joint, JointKind, Tree
 
 _ALIGNED = 1e-9
@@ -88,7 +88,7 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
     if candidate.kind.on_plane:
         if up is None or abs(up @ axis) > _ALIGNED:
             return "the normal of a plane leaves the plane of motion"
-        return "a cylinder is oblique to the plane of motion" if candidate.kind == ContactKind.RIM_PLANE else None
+        return "a cylinder is oblique to the plane of motion" if candidate.kind in ROUND_ENDS else None
     if candidate.kind == ContactKind.HULLS:
         return "hulls touch in space"
     depth = 0.0  # extent of both shapes along the normal, over which their section is constant

@@ -29,6 +29,16 @@ def gaps(core: CoreArrays, q: Array) -> Array:
         elif k >= 0:
             if core.con_type[i] == ContactKind.RIM_PLANE:
                 point = point - _rim_arm(_direction(rot, a, core.con_axisA[i]), core.plane_normal[k])
+            if core.con_type[i] == ContactKind.DISC_PLANE:
+                axis, turn = _direction(rot, a, core.con_axisA[i]), core.con_along[i]
+                arm = _rim_arm(axis, core.plane_normal[k])
+                across = np.cross(axis / np.linalg.norm(axis, axis=-1, keepdims=True), arm)
+                point = point - turn[0] * arm - turn[1] * across
+                point = (
+                    point
+                    + np.where((turn[1] != 0) & (axis @ core.plane_normal[k] > 0), AWAY, 0)[..., None]
+                    * (core.plane_normal[k])
+                )
             distance = point @ core.plane_normal[k] - P[layout.plane(k)]
         else:
             relative = point - _place(pos, rot, b, core.con_posB[i])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from cmbrl.scene import Scene
+from cmbrl.scene.collision.contact_records import ContactKind
 from cmbrl.scene.collision.shapes import hull_points, hull_vertices
 from cmbrl.scene.differences import hull_error
 from cmbrl.scene.info.inventory import to_dict
@@ -79,7 +80,7 @@ def test_the_rim_is_as_wrong_as_said(load: Load) -> None:
     worst = 0.0
     for tilt in np.geomspace(1e-6, 1.5, 400):
         q = np.array([0.0, 0.0, 0.5, np.cos(tilt / 2), np.sin(tilt / 2), 0.0, 0.0])
-        rims = scene.gaps(q)[scene.core.con_axisA.any(axis=1)]
+        rims = scene.gaps(q)[scene.core.con_type == ContactKind.RIM_PLANE]
         worst = max(worst, rims.min() - (0.5 - 0.2 * np.cos(tilt) - 0.1 * np.sin(tilt)))
     assert 0.9 * 0.018e-3 < worst < 0.0185e-3
 

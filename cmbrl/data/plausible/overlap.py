@@ -18,7 +18,7 @@ import numpy as np
 from cmbrl.data.fields import Fields
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.errors import UserError
-from cmbrl.scene.collision.contact_records import ContactKind
+from cmbrl.scene.collision.contact_records import ON_PLANE
 from cmbrl.scene.collision.near import touching
 from cmbrl.scene.source.mjcf import name_of
 from cmbrl.scene.source.robot_source import compile_robot
@@ -50,7 +50,7 @@ def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
 
     It names the shapes that are in each other the most.
     """
-    planes = (ContactKind.POINT_PLANE, ContactKind.RIM_PLANE)
+    planes = [int(kind) for kind in ON_PLANE]
     if not len(q) or np.isin(scene.core.con_type, planes).all():
         return
     model = (

@@ -37,6 +37,12 @@ static Feature<G> find_feature(const Model& m, Work<G>& w, int i) {
     if (m.con_type[i] == kRimPlane) {
       F.axisA = turn(A, m.con_axisA + i * D);
       F.a = F.a - Rim(F.axisA, F.n).arm();
+    } else if (m.con_type[i] == kDiscPlane) {
+      F.axisA = turn(A, m.con_axisA + i * D);
+      Disc<G> disc(m, w, i, F.axisA, F.n);
+      F.a = F.a - disc.arm();
+      F.dist = dot(F.n, F.a + w.O) - w.P[m.oPlane + m.con_plane[i]] + disc.missing();
+      return F;
     } else if (m.con_type[i] == kOvalPlane) {
       oval_matrix(m, w, i, F.slide.x);
       F.a = F.a - Oval<G>(F.slide.x, F.n).arm();
@@ -143,7 +149,7 @@ template <class G>
 struct Shift { T dphi; typename G::V dp, dn, dd[1 + G::NT]; typename G::Ang about; };
 
 template <class G>
-static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& xi) {
+static Shift<G> shift_of(const Model& m, const Work<G>& w, const Contact<G>& c, const Vec<G::N>& xi) {
   using V = typename G::V;
   const Feature<G>& F = c.at;
   Shift<G> s;
@@ -151,6 +157,9 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
   if (m.con_type[c.index] == kRimPlane) {
     Rim rim(F.axisA, F.n);
     u = u + G::turn(ang<G>(xi), rim.arm()) - rim.arm_shift(G::turn(ang<G>(xi), F.axisA));
+  } else if (m.con_type[c.index] == kDiscPlane) {
+    Disc<G> disc(m, w, c.index, F.axisA, F.n);
+    u = u + G::turn(ang<G>(xi), disc.arm()) - disc.arm_shift(ang<G>(xi));
   } else if (m.con_type[c.index] == kOvalPlane) {
     Oval<G> oval(F.slide.x, F.n);
     u = u + G::turn(ang<G>(xi), oval.arm()) - oval.arm_shift(ang<G>(xi));
@@ -205,8 +214,8 @@ static Shift<G> shift_of(const Model& m, const Contact<G>& c, const Vec<G::N>& x
 
 // The same as B moves by the twist S: A relative to B, then both together.
 template <class G>
-static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Vec<G::N>& S) {
-  Shift<G> s = shift_of(m, c, zero<G::N>() - S);
+static Shift<G> shift_with_other(const Model& m, const Work<G>& w, const Contact<G>& c, const Vec<G::N>& S) {
+  Shift<G> s = shift_of(m, w, c, zero<G::N>() - S);
   typename G::Ang a = ang<G>(S);
   s.dp += point_velocity<G>(S, c.p);
   s.dd[0] += G::turn(a, c.at.n);
@@ -217,7 +226,7 @@ static Shift<G> shift_with_other(const Model& m, const Contact<G>& c, const Vec<
 // The same for a dof with column S, which moves A (sign +1) or B (sign -1). Edges turn as MuJoCo's tangents do.
 template <class G>
 static Shift<G> shift_by_dof(const Model& m, const Work<G>& w, const Contact<G>& c, const Vec<G::N>& S, int sign) {
-  Shift<G> s = sign > 0 ? shift_of(m, c, S) : shift_with_other(m, c, S);
+  Shift<G> s = sign > 0 ? shift_of(m, w, c, S) : shift_with_other(m, w, c, S);
   s.dn = s.dd[0];
   if (c.skewed) skewed_shift(m, w, c.index, c.at.n, s.dd[0], S, s.dd + 1);
   if (!c.edge) return s;

@@ -18,6 +18,7 @@ static inline void tangents(const Spatial&, const Vec<3>& n, Vec<3>* d) {
 }
 static inline bool along_capsule(const Model& m, int i) {
   const double* a = m.con_along + 3 * i;
+  if (m.con_type[i] == kDiscPlane) return false;
   return a[0] != 0 || a[1] != 0 || a[2] != 0;
 }
 // What MuJoCo's first tangent is made of: an axis of the world, or the capsule; and how that turns with A.

@@ -4,7 +4,7 @@
 // With g = 1 / sqrt(q) that is the lowest point. As the disc comes to lie flat, that point is any and leaps; below a tilt of
 // kFlat, g is the parabola in q that goes on with equal value and slope, and the point runs to the centre of the disc.
 #pragma once
-#include "scene/workspace.hpp"
+#include "collision/corner.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -26,6 +26,43 @@ struct Rim {
   V arm_shift(const V& daxis) const {  // of a turn that moves the axis by daxis
     V ddown = (-1.0 / RR) * (dot(n, daxis) * axis + dot(n, axis) * daxis);
     return vsqrt(RR) * (2.0 * dot(down, ddown) * dg * down + g * ddown);
+  }
+};
+
+// MuJoCo's points of a disc over a plane: the lowest of its circle, or the x axis of its frame where it lies flat, and those that
+// `along` (cosine and sine) of candidate i turns from there, about the disc's axis, which points out of the cylinder. Where it is
+// all but flat, they turn with it. The end that lies higher has the lowest one only.
+template <class G>
+struct Disc {
+  using V = typename G::V;
+  static constexpr double kExactlyFlat = 1e-30, kSteady = 1e-12;  // squared sines of the tilt
+  V axis, n, across;  // axis: of unit length; across: from the lowest point to the centre, the same
+  T radius, q;
+  double cosine, sine;
+
+  Disc(const Model& m, const Work<G>& w, int i, const V& arm, const V& n_) : n(n_), radius(vsqrt(dot(arm, arm))) {
+    axis = (1.0 / radius) * arm;
+    cosine = m.con_along[3 * i]; sine = m.con_along[3 * i + 1];
+    V down = n - dot(n, axis) * axis, x;
+    q = dot(down, down);
+    CMBRL_FOR(r, G::D) x[r] = splat(-m.con_rotA[(i * G::D + r) * G::D]);
+    x = G::rotate(w.R[m.con_bodyA[i]], x);
+    Mask tilted = q >= kExactlyFlat;
+    T scale = 1.0 / vsqrt(vmax(q, splat(kExactlyFlat)));
+    CMBRL_FOR(r, G::D) across[r] = select(tilted, scale * down[r], x[r]);
+  }
+  V turned(const V& about, const V& x) const {
+    if constexpr (G::D == 3) return cross(about, x);
+    else return zero<G::D>();  // no scene in a plane has such a disc
+  }
+  T missing() const { return sine != 0 ? keep(dot(n, axis) > 0.0, splat(kAway)) : T{}; }
+  V arm() const { return radius * (cosine * across + sine * turned(axis, across)); }
+  V arm_shift(const typename G::Ang& turn) const {  // of a turn of the body
+    V daxis = G::turn(turn, axis), steady = G::turn(turn, across), dacross;
+    V ddown = zero<G::D>() - dot(n, daxis) * axis - dot(n, axis) * daxis;
+    T scale = 1.0 / vsqrt(vmax(q, splat(kSteady))), along = dot(across, ddown);
+    CMBRL_FOR(r, G::D) dacross[r] = select(q >= kSteady, scale * (ddown[r] - along * across[r]), steady[r]);
+    return radius * (cosine * dacross + sine * (turned(daxis, across) + turned(axis, dacross)));
   }
 };
 

@@ -9,7 +9,7 @@ class TapeRows;
 struct StepMemory;
 
 enum JointType { kSlide = 0, kHinge = 1, kBall = 2 };
-enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4, kHulls = 5, kOvalPlane = 6 };
+enum ContactType { kPointPlane = 0, kPointBox = 1, kSegmentSegment = 2, kRimPlane = 3, kCornerBox = 4, kHulls = 5, kOvalPlane = 6, kDiscPlane = 7 };
 enum When { kAlways = 0, kAhead = 1, kClosed = 2 };  // a candidate acts where rows look ahead, or where they do not
 enum TieType { kConnect = 0, kWeld = 1, kPolynomial = 2 };  // equality constraints
 enum Dynamics { kIntegrator = 0, kFilter = 1, kFilterExact = 2, kFilterRk4 = 3 };  // of actuators with a state; the last: exact but in RK4 steps
@@ -58,8 +58,8 @@ struct Model : Structure {
   const double *jnt_axis, *jnt_pos, *jnt_q0;
 
   const int *con_type, *con_bodyA, *con_bodyB, *con_plane, *con_pair, *con_dim, *con_law, *con_pyramid;
-  const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre; of an ellipsoid over a plane: see oval.hpp
-  const double* con_along;   // (ncontact, 3) of a capsule over a plane: where a tangent of its pyramid points (edges.hpp); or 0
+  const double *con_posA, *con_axisA, *con_posB, *con_axisB, *con_rotB, *con_halfB, *con_rotA;  // rotA: of a box with a corner, which axisA leads to from its centre; of an ellipsoid or the end of a cylinder over a plane: see oval.hpp and rim.hpp
+  const double* con_along;   // (ncontact, 3) of a capsule over a plane: where a tangent of its pyramid points (edges.hpp); of a disc see rim.hpp; or 0
   const int *con_hull, *con_corner;  // of a mesh over a plane, or of hulls: that of A, or -1; its place among the candidates of its pair of geoms
   const int* con_when;       // see When: of two geoms that touch in another way where rows look ahead
   const int *con_hullB, *con_first, *con_many;  // of hulls (hull_contact.hpp): that of B; whether A is MuJoCo's first; more than one point

@@ -194,7 +194,7 @@ void SceneData::derive_clusters() {
       Box B(D, m.con_rotB + first * D * D, m.con_axisB + first * D);
       for (int x = k; x < end; ++x) {
         int c = m.grp_con[x];
-        bool rim = m.con_type[c] == kRimPlane || m.con_type[c] == kOvalPlane;  // or what is bent all around
+        bool rim = m.con_type[c] == kRimPlane || m.con_type[c] == kDiscPlane || m.con_type[c] == kOvalPlane;  // or what is bent all around
         double radius = m.P[m.oContact + c * kContactFields + kRadius] + (rim ? length(m.con_axisA + c * D, D) : 0);
         const double* axis = rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D;
         for_points(m, c, [&](const double* point) { A.hold(point, axis, nullptr, nullptr); });
@@ -248,7 +248,7 @@ void SceneData::derive_kins() {
     std::map<std::tuple<int, int, int, int, int, int, double, double, double, double, double>, int> known;
     for (int k = m.grp_cptr[g]; k < m.grp_cptr[g + 1]; ++k) {
       int c = m.grp_con[k];
-      auto key = std::make_tuple(m.con_type[c] == kRimPlane ? 1 : m.con_type[c] == kOvalPlane ? 2 : 0, m.con_plane[c], m.con_dim[c], m.con_law[c], m.con_pyramid[c], m.con_glide[c], m.con_impratio[c],
+      auto key = std::make_tuple(m.con_type[c] == kRimPlane ? 1 : m.con_type[c] == kOvalPlane ? 2 : m.con_type[c] == kDiscPlane ? 3 : 0, m.con_plane[c], m.con_dim[c], m.con_law[c], m.con_pyramid[c], m.con_glide[c], m.con_impratio[c],
                                  m.con_invweight[c], m.con_margin[c], m.con_mid[c], m.con_power[c]);
       kin[c] = known.emplace(key, of_group.back() + int(known.size())).first->second;
     }

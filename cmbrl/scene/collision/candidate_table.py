@@ -95,7 +95,9 @@ def merge_points(table: CandidateTable) -> tuple[CandidateTable, int]:
     candidates = table.candidates
     size = len(candidates[0].pos_a) if candidates else 0
     where = np.hstack([table.vectors(field, (size,)) for field in ("pos_a", "axis_a", "pos_b", "axis_b")])
-    where = np.hstack([np.round(where, 9) + 0.0, table.radii[:, :1], table.kind[:, None]])
+    turned = (table.kind == ContactKind.DISC_PLANE)[:, None] * table.vectors("along", (3,))
+    where = np.hstack([where, turned, table.radii[:, :1]])
+    where = np.hstack([np.round(where, 9) + 0.0, table.kind[:, None], table.when[:, None]])
     mixed = table.pairs[1] + np.zeros(len(candidates))  # a number that coinciding ones have in common
     for column, factor in zip(where.T, np.sqrt(np.arange(2, 2 + where.shape[1])), strict=True):
         mixed = mixed * 1.0009765625 + column * factor

@@ -15,13 +15,15 @@ ROUND = ("sphere", "capsule")
 def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
     """What ``touch`` of a shape does over a plane of the world."""
     kind = ContactKind.RIM_PLANE if np.any(touch.rim) else ContactKind.POINT_PLANE
+    frame, along = UPRIGHT, shape.rot[:, 2] if shape.kind == "capsule" else ZERO
     if touch.oval is not None:
-        kind = ContactKind.OVAL_PLANE
+        kind, frame = ContactKind.OVAL_PLANE, touch.oval
+    if touch.turn is not None:
+        kind, frame, along = ContactKind.DISC_PLANE, shape.rot, touch.turn
     return Candidate(
         kind, (shape.geom, plane.geom), shape.body, WORLD,
         touch.pos, touch.rim, ZERO, ZERO, UPRIGHT, ZERO, touch.radius, 0.0, law, touch.weight,
-        along=shape.rot[:, 2] if shape.kind == "capsule" else ZERO,
-        rot_a=UPRIGHT if touch.oval is None else touch.oval,
+        along=along, rot_a=frame, when=touch.when,
     )  # fmt: skip
 
 

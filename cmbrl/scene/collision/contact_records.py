@@ -23,6 +23,7 @@ class ContactKind(IntEnum):
     RIM_PLANE = 3  # the lowest point of a circle: a cylinder's edge
     CORNER_BOX = 4  # a corner of a box against another box
     OVAL_PLANE = 6  # the lowest point of an ellipsoid
+    DISC_PLANE = 7  # MuJoCo's points of a cylinder's end: the lowest of its circle, and two that part it in three
     HULLS = 5  # where two convex shapes touch, at least one of which is a mesh, cylinder or ellipsoid, or two boxes
 
     @property
@@ -31,7 +32,8 @@ class ContactKind(IntEnum):
         return self in ON_PLANE
 
 
-ON_PLANE = frozenset({ContactKind.POINT_PLANE, ContactKind.RIM_PLANE, ContactKind.OVAL_PLANE})
+ON_PLANE = frozenset({ContactKind.POINT_PLANE, ContactKind.RIM_PLANE, ContactKind.OVAL_PLANE, ContactKind.DISC_PLANE})
+ROUND_ENDS = frozenset({ContactKind.RIM_PLANE, ContactKind.DISC_PLANE})
 
 
 class When(IntEnum):
@@ -85,6 +87,6 @@ class Candidate(NamedTuple):
     radius_b: float
     law: ContactLaw
     weight: float = 1.0  # number of MuJoCo's points that this one stands for
-    rot_a: Array = UPRIGHT  # (D, D) frame of the box that a corner is of; of an ellipsoid: see ``shapes.Touch.oval``
-    along: Array = ZERO  # in A's frame: of a capsule, along which a pyramid lies
+    rot_a: Array = UPRIGHT  # (D, D) frame of the box or disc; of an ellipsoid: see ``shapes.Touch.oval``
+    along: Array = ZERO  # in A's frame: of a capsule, along which a pyramid lies; of a disc, see ``shapes.Touch.turn``
     when: When = When.ALWAYS

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.scene.collision.contact_records import When
 from cmbrl.scene.collision.height_fields import flat_height
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import Array, Frame
@@ -33,6 +34,7 @@ _NAMES = {
 }
 _ROUNDING = "rounding:"
 _HULL_POINTS = 32
+_POINTS = 3  # of MuJoCo's, of the end of a cylinder that stands
 _FEET = 4  # of each end of a cylinder, with two of MuJoCo's three points to share: the third is the rim's
 _INSET = 0.9  # of the radius; so feet stay clear of the ground where the cylinder rolls
 
@@ -158,6 +160,8 @@ class Touch:
     weight: float = 1.0  # number of MuJoCo's points that it stands for
     rim: Array = field(default_factory=lambda: np.zeros(3))  # as long as the rim's radius, or the longest half axis
     oval: Array | None = None  # (3, 3) of an ellipsoid: sum of r^2 e e^T over its half axes r along e [m^2]
+    turn: Array | None = None  # cosine and sine (3,) of the turn about ``rim`` from its lowest point, of another on it
+    when: When = When.ALWAYS
 
     @property
     def reach(self) -> float:
@@ -196,16 +200,27 @@ def touches(shape: Shape, normal_axis: Array | None) -> list[Touch]:
 
 
 def _round_touches(cylinder: Shape) -> list[Touch]:
-    """Of each end the rim, on which a cylinder rolls and tips over, and the feet on which it stands."""
+    """Of each end the rim, on which a cylinder rolls and tips over, and the feet on which it stands.
+
+    MuJoCo's points, the lowest of the rim and two that part it in three, run around it as the cylinder tips, which no
+    step that looks ahead can follow.
+    """
     radius, half = cylinder.size[:2]
-    angle = 2 * np.pi * np.arange(_FEET) / _FEET
-    feet = _INSET * radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    found = []
-    for end in (-half, half):
-        centre = cylinder.pos + end * cylinder.rot[:, 2]
-        found.append(Touch(centre, rim=radius * cylinder.rot[:, 2]))
-        found += [Touch(centre + cylinder.rot[:, :2] @ foot, weight=2 / _FEET) for foot in feet]
-    return found
+    feet, turns = (_around(number) for number in (_FEET, _POINTS))
+    ahead, closed = [], []
+    for out in (-cylinder.rot[:, 2], cylinder.rot[:, 2]):
+        centre, rim = cylinder.pos + half * out, radius * out
+        ahead.append(Touch(centre, rim=rim, when=When.AHEAD))
+        places = centre + _INSET * radius * feet @ cylinder.rot.T
+        ahead += [Touch(place, weight=(_POINTS - 1) / _FEET, when=When.AHEAD) for place in places]
+        closed += [Touch(centre, rim=rim, turn=turn, when=When.CLOSED) for turn in turns]
+    return ahead + closed
+
+
+def _around(number: int) -> Array:
+    """Cosines and sines (number, 3) of equal shares of a turn, and zeros."""
+    angle = 2 * np.pi * np.arange(number) / number
+    return np.column_stack([np.cos(angle), np.sin(angle), np.zeros(number)])
 
 
 def hull_vertices(model: mujoco.MjModel, mesh: int) -> Array:

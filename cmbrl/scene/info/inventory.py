@@ -21,6 +21,7 @@ TYPES = (
     "corner against box",
     "hull against hull",
     "ellipsoid against plane",
+    "point of a cylinder's end against plane",
 )
 
 
