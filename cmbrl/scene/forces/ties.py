@@ -15,6 +15,7 @@ from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, Tie, TieKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.source.mjcf import ignores, name_of
+from cmbrl.scene.source.solref import acting
 from cmbrl.scene.source.support import Gate
 
 _KINDS = mujoco.mjtEq
@@ -92,7 +93,7 @@ def tie_arrays(tree: Tree, ties: list[Tie], plane: PlaneOfMotion | None) -> dict
 
 
 def _softness(model: mujoco.MjModel, k: int) -> tuple[Array, Array]:
-    return model.eq_solref[k].copy(), model.eq_solimp[k].copy()
+    return acting(model.eq_solref[k]), model.eq_solimp[k].copy()
 
 
 def _of_bodies(model: mujoco.MjModel, tree: Tree, k: int, name: str) -> Tie:
