@@ -16,7 +16,7 @@ from cmbrl.scene.source.mjcf import name_of
 from cmbrl.scene.source.solref import acting, note_if_mixed
 from cmbrl.scene.source.support import Gate
 
-_LEAST_FRICTION = 1e-5  # MuJoCo's
+LEAST_FRICTION = 1e-5  #: MuJoCo's
 _LEAST = 1e-6  # of the inverse weight of a free body
 MOST_PAIRS = 600_000  #: a thousand bodies that may all touch each other
 
@@ -125,13 +125,13 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
             continue
         why = f"{'friction' if one == 0 else 'rolling friction'} {friction[one]:g} {friction[other]:g}"
         if not gate.drops("friction_anisotropic", label, why, "the first applies"):
-            friction[[one, other]] = np.maximum(friction[[one, other]], _LEAST_FRICTION)
+            friction[[one, other]] = np.maximum(friction[[one, other]], LEAST_FRICTION)
             ratios[k] = float(friction[other] / friction[one])
     bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
     weight = sum(inverse_weight(model, body) for body in bodies)
     reach = own.margin + (own.gap if adhesive_bodies(model).intersection(bodies) else 0.0)
     slide = float(friction[0]) if dim > 1 else 0.0
-    spin, roll = (max(float(friction[k]), _LEAST_FRICTION) if dim > k else 0.0 for k in (2, 3))
+    spin, roll = (max(float(friction[k]), LEAST_FRICTION) if dim > k else 0.0 for k in (2, 3))
     return ContactLaw(
         dim, slide, acting(own.solref), own.solimp, own.margin, weight, spin, roll, reach, (ratios[0], ratios[1])
     )
