@@ -12,12 +12,13 @@ from cmbrl.scene import Scene
 from cmbrl.scene.info.report import describe
 from cmbrl.scene.source.support import KINDS
 
-from .conftest import GYMNASIUM, Load
+from .conftest import GYMNASIUM, Load, worst_step
 
 SITES = '<site name="s1"/><body name="m"><joint name="h"/><geom name="g" size=".1"/><site name="s2"/></body>'
 BALL_JOINT = '<body><joint name="b" type="ball" {}/><geom size=".1"/></body>'
 HINGE = '<body name="m" {}><joint name="h" {}/><geom name="g" size=".1"/></body>'
 FLOOR = '<geom name="f" type="plane" size="1 1 1"/>'
+SLEEP = '<option><flag sleep="enable"/></option>'
 DROP = '<body pos="0 0 1"><freejoint/><geom name="g" {}/></body>'
 
 
@@ -44,6 +45,7 @@ CASES = {
         '<actuator><motor name="motor" tendon="t"/></actuator>',
         "motor",
     ),
+    "sleep": ('<body name="b" sleep="init"><freejoint/><geom size=".1"/></body>', SLEEP, "b"),
     "geom_type": (
         DROP.format('size=".1"') + '<body name="lift"><joint/><geom name="f" type="hfield" hfield="h"/></body>',
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>',
@@ -149,6 +151,16 @@ def test_elements_that_do_nothing_are_left_out_silently(load: Load) -> None:
     )
     scene, _ = load(HINGE.format("", ""), rest)
     assert [(x.kind, x.name) for x in scene.left_out] == [("tendon", "t"), ("equality", "e")]
+
+
+def test_sleep_is_told_where_it_is_allowed(load: Load) -> None:
+    """A body that may fall asleep is no obstacle, nor is one that would start asleep without the flag."""
+    scene, _ = load(HINGE.format("", ""), SLEEP)
+    assert [(x.kind, x.name) for x in scene.left_out] == [("sleep", "option")]
+    assert "nothing falls asleep" in describe(scene)
+    scene, model = load(CASES["sleep"][0])
+    assert not scene.left_out
+    assert worst_step(scene, model) < 1e-9
 
 
 def test_unmodelled_contact_that_cannot_happen_is_no_obstacle(load: Load) -> None:
