@@ -142,9 +142,14 @@ def _of_joints(model: mujoco.MjModel, k: int, name: str) -> Tie:
 def _of_tendons(
     model: mujoco.MjModel, k: int, name: str, lines: Mapping[int, int], found: list[Tie], gate: Gate
 ) -> None:
-    tendons = [tendon for tendon in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) if tendon >= 0]
-    if missing := [tendon for tendon in tendons if tendon not in lines]:
-        gate.refuse("equality", name, f"it ties {name_of(model, 'tendon', missing[0])}, a tendon that is not modelled")
+    first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    tendons = [tendon for tendon in (first, second) if tendon in lines]  # no joint moves another, whose change is 0
+    if not tendons:
+        gate.note("equality", name, "no joint moves what it ties")
+        return
+    if first not in lines:
+        still, moving = (name_of(model, "tendon", tendon) for tendon in (first, second))
+        gate.refuse("equality", name, f"it ties {still}, which no joint moves, to {moving}: tie {moving} alone")
         return
     refs = [float(model.tendon_length0[tendon]) for tendon in tendons]
     weight = float(model.tendon_invweight0[tendons].sum())

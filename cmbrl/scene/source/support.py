@@ -18,7 +18,7 @@ KINDS = {  # those below "supported" are modelled, and left out only if they are
     "flex": "deformable bodies",
     "plugin": "engine plugins other than sensors",
     "actuator_dynamics": "muscles, delays and other states of actuators (integrators and filters are supported)",
-    "actuator_transmission": "actuators on three axes at once (so3), or on a tendon that nothing moves",
+    "actuator_transmission": "actuators on three axes at once (so3)",
     "actuator_bias": "forces of actuators other than MuJoCo's affine ones, pid and dcmotor without a state",
     "geom_type": "contact with SDFs, planes and height fields that move",
     "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
