@@ -12,6 +12,7 @@ import pytest
 from cmbrl.bench.check_steps import mujocos
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+from cmbrl.scene.source.mjcf import act_addresses
 from cmbrl.scene.source.robot_source import quiet
 
 GYMNASIUM = sorted((Path(pytest.importorskip("gymnasium").__file__).parent / "envs/mujoco/assets").glob("*.xml"))
@@ -39,12 +40,13 @@ def worst_step(scene: Scene, model: mujoco.MjModel, spread: float = 0.0, states:
     """
     model.opt.tolerance, model.opt.iterations = 0.0, 200
     rng, data = np.random.default_rng(0), mujoco.MjData(model)
-    v, u = rng.normal(size=(states, scene.nv)), rng.uniform(-1, 1, (states, scene.nu))
+    v, u = rng.normal(size=(states, scene.nv)), rng.uniform(-1, 1, (states, scene.inputs))
     q = scene.integrate(np.tile(scene.q0, (states, 1)), spread * rng.normal(size=v.shape))
     theirs = np.zeros_like(v)
     for k in range(states):
         mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k, : scene.nu]
+        data.act[act_addresses(model, scene.core.state_act)] = u[k, scene.nu :]
         with quiet():
             mujoco.mj_step(model, data)
         theirs[k] = data.qvel

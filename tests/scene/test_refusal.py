@@ -6,6 +6,7 @@ import os
 import re
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from cmbrl.errors import UserError
@@ -96,6 +97,28 @@ def test_a_tie_of_a_tendon_that_nothing_moves_to_one_that_moves_is_refused(load:
     rest = f'<tendon>{STILL}<fixed name="moves"><joint joint="h" coef="2"/></fixed></tendon>'
     with pytest.raises(UserError, match="'e' is not supported: it ties t, which no joint moves, to moves: tie moves"):
         load(world, rest + '<equality><tendon name="e" tendon1="t" tendon2="moves"/></equality>')
+
+
+TWICE = '<tendon><fixed name="t" {}><joint joint="h" coef="1"/><joint joint="h" coef="-.5"/></fixed></tendon>'
+TIE = '<equality><tendon name="e" tendon1="t"/></equality>'
+
+
+@pytest.mark.parametrize(("attributes", "rest"), [('range="-.05 .05"', ""), ('frictionloss=".3"', ""), ("", TIE)])
+def test_constraints_on_a_sum_with_one_joint_twice_are_refused(attributes: str, rest: str, load: Load) -> None:
+    """MuJoCo drops them; on request they act on the sum."""
+    with pytest.raises(UserError, match="tendon 't' is not supported: joint h comes more than once in its sum"):
+        load(FAR, TWICE.format(attributes) + rest)
+    scene, model = load(FAR, TWICE.format(attributes) + rest, ignore=["tendon"])
+    assert [x.name for x in scene.left_out] == ["t"]
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.3
+    mujoco.mj_forward(model, data)
+    assert data.nefc == 0
+
+
+def test_forces_of_a_sum_with_one_joint_twice_are_mujocos(load: Load) -> None:
+    scene, model = load(FAR, TWICE.format('stiffness="9" damping="2" armature=".1"') + DRIVE)
+    assert worst_step(scene, model, spread=0.2) < 1e-9
 
 
 def test_rolling_friction_is_left_out_on_request_and_said(load: Load) -> None:

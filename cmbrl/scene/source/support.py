@@ -13,7 +13,8 @@ from cmbrl.scene.records import LeftOut
 from cmbrl.scene.source.mjcf import iterations, name_of
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
-    "tendon": "polynomials of tendons, armature of those through sites, force ranges of several actuators together",
+    "tendon": "polynomials of tendons, armature of those through sites, force ranges of several actuators together, "
+    "constraints on sums with one joint twice",
     "equality": "equality constraints of deformable bodies",
     "flex": "deformable bodies",
     "plugin": "engine plugins other than sensors",
