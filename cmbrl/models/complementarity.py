@@ -295,6 +295,12 @@ class ComplementarityModel(Variations, LogWindows):
             )
 
     def _arrays(self, theta: Any, **state: Any) -> list[np.ndarray]:
-        """The state and theta as contiguous float64; raises UserError for other types. The core checks shapes."""
-        given = {**state, "theta": self.parameters if theta is None else theta}
-        return [real_array(value, name) for name, value in given.items()]
+        """The state and theta as contiguous float64; raises UserError for other types, and for a state without a batch.
+
+        The core checks other shapes.
+        """
+        rows = {name: real_array(value, name) for name, value in state.items()}
+        if alone := [name for name, array in rows.items() if array.ndim == 1]:
+            told = ", ".join(f"{name}[None]" for name in rows)
+            raise UserError(f"{alone[0]} has shape {rows[alone[0]].shape}; give a batch, as {told} of one state")
+        return [*rows.values(), real_array(self.parameters if theta is None else theta, "theta")]

@@ -24,6 +24,7 @@ from cmbrl.scene.layout import Layout
 from cmbrl.scene.parts import read_parts
 from cmbrl.scene.records import Array, Frame, Joint, LeftOut, Parameter
 from cmbrl.scene.source.robot_source import RobotSource, compile_robot
+from cmbrl.scene.source.solref import check_solrefs
 from cmbrl.scene.source.support import Gate, check_model
 
 
@@ -121,6 +122,7 @@ class Scene:
         drives = tuple(drives)
         compiled = replace(compiled, model=driven_model(compiled.model, drives, compiled.label))
         check_model(compiled.model, gate)
+        check_solrefs(compiled.model, gate)
         parts = read_parts(compiled, gate, reduce, self_contact)
         fields = scene_fields(compiled, gate, parts, law)
         return cls(contact_law=str(law), reduce=reduce, self_contact=self_contact, drives=drives, **fields)

@@ -139,6 +139,15 @@ def test_a_native_setting_out_of_range_is_named(model: ComplementarityModel) -> 
         model.predict(q, v, u)
 
 
+def test_one_state_wants_a_batch(model: ComplementarityModel) -> None:
+    q, v, u = random_states(model.scene, 1, np.random.default_rng(0), Ranges())
+    told = r"^q has shape \(\d+,\); give a batch, as q\[None\], v\[None\], u\[None\] of one state$"
+    with pytest.raises(UserError, match=told):
+        model.predict(q[0], v[0], u[0])
+    with pytest.raises(UserError, match=r"^v has shape .*; give a batch, as q\[None\], v\[None\] of one state$"):
+        model.smooth_dynamics(q, v[0])
+
+
 def test_a_wrong_shape_is_named(model: ComplementarityModel) -> None:
     q, v, u = random_states(model.scene, 2, np.random.default_rng(0), Ranges())
     with pytest.raises(UserError, match=r"array 'u' has the shape \(1, 3\); give \(2, 3\)"):

@@ -9,7 +9,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from cmbrl.bench.check_steps import mujocos
+from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
+from cmbrl.scene.source.mjcf import act_addresses
+from cmbrl.scene.source.robot_source import quiet
 
 GYMNASIUM = sorted((Path(pytest.importorskip("gymnasium").__file__).parent / "envs/mujoco/assets").glob("*.xml"))
 Load = Callable[..., tuple[Scene, mujoco.MjModel]]
@@ -27,6 +31,27 @@ def load(tmp_path: Path) -> Load:
         return Scene.from_mjcf(file, ignore, contact_law), mujoco.MjModel.from_xml_path(str(file))
 
     return make
+
+
+def worst_step(scene: Scene, model: mujoco.MjModel, spread: float = 0.0, states: int = 12) -> float:
+    """The largest error of a velocity after one step of MuJoCo's law, relative to the largest change of one.
+
+    At the pose of the file, give or take ``spread`` [m, rad], with random velocities and controls.
+    """
+    model.opt.tolerance, model.opt.iterations = 0.0, 200
+    rng, data = np.random.default_rng(0), mujoco.MjData(model)
+    v, u = rng.normal(size=(states, scene.nv)), rng.uniform(-1, 1, (states, scene.inputs))
+    q = scene.integrate(np.tile(scene.q0, (states, 1)), spread * rng.normal(size=v.shape))
+    theirs = np.zeros_like(v)
+    for k in range(states):
+        mujoco.mj_resetData(model, data)
+        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k, : scene.nu]
+        data.act[act_addresses(model, scene.core.state_act)] = u[k, scene.nu :]
+        with quiet():
+            mujoco.mj_step(model, data)
+        theirs[k] = data.qvel
+    ours = ComplementarityModel(scene, **mujocos(scene)).predict(q, v, u).v_next
+    return float(np.abs(ours - theirs).max() / np.abs(theirs - v).max())
 
 
 @pytest.fixture(params=["hopper", "half_cheetah", "walker2d_v5", "humanoid"])

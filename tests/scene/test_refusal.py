@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
+import mujoco
 import pytest
 
 from cmbrl.errors import UserError
@@ -12,12 +14,14 @@ from cmbrl.scene import Scene
 from cmbrl.scene.info.report import describe
 from cmbrl.scene.source.support import KINDS
 
-from .conftest import GYMNASIUM, Load
+from .conftest import GYMNASIUM, Load, worst_step
 
 SITES = '<site name="s1"/><body name="m"><joint name="h"/><geom name="g" size=".1"/><site name="s2"/></body>'
 BALL_JOINT = '<body><joint name="b" type="ball" {}/><geom size=".1"/></body>'
 HINGE = '<body name="m" {}><joint name="h" {}/><geom name="g" size=".1"/></body>'
+FAR = '<body><joint name="h" axis="0 1 0"/><joint axis="1 0 0"/><geom size=".1" pos=".3 0 0"/></body>'
 FLOOR = '<geom name="f" type="plane" size="1 1 1"/>'
+SLEEP = '<option><flag sleep="enable"/></option>'
 DROP = '<body pos="0 0 1"><freejoint/><geom name="g" {}/></body>'
 
 
@@ -38,12 +42,7 @@ CASES = {
         '<actuator><general name="motor" body="m" biastype="affine" biasprm="0 0 -1"/></actuator>',
         "motor",
     ),
-    "actuator_transmission": (
-        SITES + '<site name="w1"/><site name="w2" pos="1 0 0"/>',
-        '<tendon><spatial name="t"><site site="w1"/><site site="w2"/></spatial></tendon>'
-        '<actuator><motor name="motor" tendon="t"/></actuator>',
-        "motor",
-    ),
+    "sleep": ('<body name="b" sleep="init"><freejoint/><geom size=".1"/></body>', SLEEP, "b"),
     "geom_type": (
         DROP.format('size=".1"') + '<body name="lift"><joint/><geom name="f" type="hfield" hfield="h"/></body>',
         '<asset><hfield name="h" nrow="2" ncol="2" size="1 1 1 .1" elevation="0 0 0 1"/></asset>',
@@ -68,11 +67,58 @@ def test_refused_by_name_or_ignored(kind: str, load: Load) -> None:
     assert kind in describe(scene)
 
 
-def test_a_tie_of_a_tendon_that_nothing_moves_is_refused(load: Load) -> None:
-    world = SITES + '<site name="w1"/><site name="w2" pos="1 0 0"/>'
-    rest = '<tendon><spatial name="t"><site site="w1"/><site site="w2"/></spatial></tendon>'
-    with pytest.raises(UserError, match="it ties t, a tendon that is not modelled"):
-        load(world, rest + '<equality><tendon name="e" tendon1="t"/></equality>')
+STILL = '<spatial name="t"><site site="w1"/><site site="w2"/></spatial>'
+CANCELS = '<fixed name="t" stiffness="9"><joint joint="h" coef="1"/><joint joint="h" coef="-1"/></fixed>'
+DRIVE = '<actuator><position name="e" tendon="t" kp="2" timeconst=".1"/></actuator>'
+
+
+@pytest.mark.parametrize("tendon", [STILL, CANCELS])
+@pytest.mark.parametrize(
+    ("rest", "why"),
+    [
+        (DRIVE, "no joint moves it"),
+        ('<equality><tendon name="e" tendon1="t" polycoef=".1 0 0 0 0"/></equality>', "no joint moves what it ties"),
+        ('<equality><tendon name="e" tendon1="moves" tendon2="t" polycoef=".1 1 0 0 0"/></equality>', None),
+    ],
+)
+def test_what_acts_on_a_tendon_that_nothing_moves_does_nothing(
+    rest: str, why: str | None, tendon: str, load: Load
+) -> None:
+    world = FAR + '<site name="w1"/><site name="w2" pos="1 0 0"/>'
+    moves = '<fixed name="moves"><joint joint="h" coef="2"/></fixed>'
+    scene, model = load(world, f"<tendon>{tendon}{moves}</tendon>{rest}")
+    assert [x.why for x in scene.left_out if x.name == "e"] == ([why] if why else [])
+    assert scene.nu == model.nu
+    assert worst_step(scene, model, spread=0.1) < 1e-6
+
+
+def test_a_tie_of_a_tendon_that_nothing_moves_to_one_that_moves_is_refused(load: Load) -> None:
+    world = FAR + '<site name="w1"/><site name="w2" pos="1 0 0"/>'
+    rest = f'<tendon>{STILL}<fixed name="moves"><joint joint="h" coef="2"/></fixed></tendon>'
+    with pytest.raises(UserError, match="'e' is not supported: it ties t, which no joint moves, to moves: tie moves"):
+        load(world, rest + '<equality><tendon name="e" tendon1="t" tendon2="moves"/></equality>')
+
+
+TWICE = '<tendon><fixed name="t" {}><joint joint="h" coef="1"/><joint joint="h" coef="-.5"/></fixed></tendon>'
+TIE = '<equality><tendon name="e" tendon1="t"/></equality>'
+
+
+@pytest.mark.parametrize(("attributes", "rest"), [('range="-.05 .05"', ""), ('frictionloss=".3"', ""), ("", TIE)])
+def test_constraints_on_a_sum_with_one_joint_twice_are_refused(attributes: str, rest: str, load: Load) -> None:
+    """MuJoCo drops them; on request they act on the sum."""
+    with pytest.raises(UserError, match="tendon 't' is not supported: joint h comes more than once in its sum"):
+        load(FAR, TWICE.format(attributes) + rest)
+    scene, model = load(FAR, TWICE.format(attributes) + rest, ignore=["tendon"])
+    assert [x.name for x in scene.left_out] == ["t"]
+    data = mujoco.MjData(model)
+    data.qpos[0] = 0.3
+    mujoco.mj_forward(model, data)
+    assert data.nefc == 0
+
+
+def test_forces_of_a_sum_with_one_joint_twice_are_mujocos(load: Load) -> None:
+    scene, model = load(FAR, TWICE.format('stiffness="9" damping="2" armature=".1"') + DRIVE)
+    assert worst_step(scene, model, spread=0.2) < 1e-9
 
 
 def test_rolling_friction_is_left_out_on_request_and_said(load: Load) -> None:
@@ -119,6 +165,15 @@ def test_one_element_of_two_kinds_is_one(load: Load) -> None:
     assert "more element" not in str(told.value)
 
 
+def test_a_servo_on_three_axes_is_of_two_kinds(load: Load) -> None:
+    world, rest = BALL_JOINT.format(""), '<actuator><orientation name="motor" joint="b" kp="1"/></actuator>'
+    told = "actuator_transmission 'motor' is not supported: it drives a so3 (nor is its actuator_bias); remove it"
+    with pytest.raises(UserError, match=re.escape(told)):
+        load(world, rest)
+    scene, model = load(world, rest, ignore=["actuator_transmission", "actuator_bias"])
+    assert scene.nu == model.nu == 3
+
+
 SUPPORTED = {
     "joint_limit_ball": (BALL_JOINT.format('range="0 1" limited="true"'), "", "b"),
     "fluid": (HINGE.format("", ""), '<option viscosity=".1"/>', "option"),
@@ -149,6 +204,16 @@ def test_elements_that_do_nothing_are_left_out_silently(load: Load) -> None:
     )
     scene, _ = load(HINGE.format("", ""), rest)
     assert [(x.kind, x.name) for x in scene.left_out] == [("tendon", "t"), ("equality", "e")]
+
+
+def test_sleep_is_told_where_it_is_allowed(load: Load) -> None:
+    """A body that may fall asleep is no obstacle, nor is one that would start asleep without the flag."""
+    scene, _ = load(HINGE.format("", ""), SLEEP)
+    assert [(x.kind, x.name) for x in scene.left_out] == [("sleep", "option")]
+    assert "nothing falls asleep" in describe(scene)
+    scene, model = load(CASES["sleep"][0])
+    assert not scene.left_out
+    assert worst_step(scene, model) < 1e-9
 
 
 def test_unmodelled_contact_that_cannot_happen_is_no_obstacle(load: Load) -> None:

@@ -15,6 +15,8 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.info.report import describe
 
+from .conftest import worst_step
+
 MJCF = """<mujoco model="arm"><option timestep=".002"/><worldbody><body name="upper"><joint name="a" axis="0 1 0"
 damping=".1"/><geom name="g" type="capsule" size=".05" fromto="0 0 0 .3 0 0"/><body name="lower" pos=".3 0 0">
 <joint name="b" axis="0 0 1"/><geom type="capsule" size=".04" fromto="0 0 0 .3 0 0"/></body></body>
@@ -42,27 +44,12 @@ def urdf(tmp_path: Path) -> Path:
     return tmp_path / "robot.urdf"
 
 
-def error_of_steps(scene: Scene, model: mujoco.MjModel) -> float:
-    """Largest difference of a velocity after one step from random states, relative to the largest change."""
-    rng, data, worst = np.random.default_rng(0), mujoco.MjData(model), 0.0
-    ours = ComplementarityModel(scene)
-    q = scene.integrate(np.tile(scene.q0, (20, 1)), 0.2 * rng.normal(size=(20, scene.nv)))
-    v, u = rng.normal(size=(20, scene.nv)), rng.uniform(-1, 1, (20, scene.nu))
-    found = ours.predict(q, v, u).v_next
-    for k in range(len(q)):
-        mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
-        mujoco.mj_step(model, data)
-        worst = max(worst, np.abs(found[k] - data.qvel).max() / np.abs(data.qvel - v[k]).max())
-    return worst
-
-
 def test_a_urdf_steps_as_mujoco_does(urdf: Path) -> None:
     scene, model = Scene.from_mjcf(urdf), mujoco.MjModel.from_xml_path(str(urdf))
     assert scene.joint_names == ("a", "b", "c")
     assert (scene.core.ntie, scene.core.nlimit, scene.nu) == (1, 3, 0)  # the mimic joint is a tie
     assert scene.path == str(urdf)
-    assert error_of_steps(scene, model) < 1e-4
+    assert worst_step(scene, model, spread=0.2) < 1e-4
 
 
 def test_an_address_of_ros_is_found_or_refused_with_what_helps(urdf: Path) -> None:
@@ -87,7 +74,7 @@ def test_motors_are_added_to_the_spec_of_a_urdf(urdf: Path) -> None:
     motor.gear[0] = 5.0
     scene = Scene.from_mjcf(spec)
     assert (scene.actuator_names, scene.path, scene.name) == (("motor",), "", "urdf_arm")
-    assert error_of_steps(scene, spec.compile()) < 1e-4  # dry friction is softened
+    assert worst_step(scene, spec.compile(), spread=0.2) < 1e-4  # dry friction is softened
     assert "urdf_arm: not from a file" in describe(scene)
 
 
@@ -102,7 +89,7 @@ def test_a_model_is_read_with_its_changes() -> None:
     model = mujoco.MjModel.from_xml_string(MJCF)
     model.opt.gravity[:] = 0, 0, -1.6
     model.dof_damping[0] = 3.0
-    assert error_of_steps(Scene.from_mjcf(model), model) < 1e-9
+    assert worst_step(Scene.from_mjcf(model), model, spread=0.2) < 1e-9
 
 
 def test_text_and_file_are_the_same_scene(tmp_path: Path) -> None:
@@ -172,3 +159,40 @@ def test_reading_leaves_the_users_model_as_it_was() -> None:
     Scene.from_mjcf(model, ["joint_polynomial"])
     assert before.any()
     assert np.array_equal(model.jnt_stiffnesspoly, before)
+
+
+ARM = """<mujoco><worldbody><geom name="f" type="plane" size="1 1 1"/><body><joint name="j" axis="0 1 0" {joint}/>
+<geom name="g" type="capsule" fromto="0 0 0 .3 0 0" size=".03" {geom}/></body></worldbody>
+<tendon><fixed name="t" {tendon}><joint joint="j" coef="1"/></fixed></tendon>
+<actuator><motor name="m" joint="j" {motor}/></actuator>
+<contact><pair name="p" geom1="f" geom2="g" {pair}/></contact></mujoco>"""
+
+
+def with_one(element: str, attribute: str) -> str:
+    return ARM.format(**dict.fromkeys(("joint", "geom", "tendon", "motor", "pair"), "") | {element: attribute})
+
+
+@pytest.mark.parametrize(
+    ("element", "field", "told"),
+    [
+        ("joint", "damping", "joint 'j' has damping -0.1"),
+        ("joint", "armature", "joint 'j' has armature -0.1"),
+        ("joint", "frictionloss", "joint 'j' has frictionloss -0.1"),
+        ("tendon", "damping", "tendon 't' has damping -0.1"),
+        ("tendon", "armature", "tendon 't' has armature -0.1"),
+        ("tendon", "frictionloss", "tendon 't' has frictionloss -0.1"),
+        ("motor", "damping", "actuator 'm' has damping -0.1"),
+        ("motor", "armature", "actuator 'm' has armature -0.1"),
+        ("geom", "gap", "geom 'g' has gap -0.1"),
+        ("pair", "gap", "pair 'p' has gap -0.1"),
+    ],
+)
+def test_negative_numbers_that_mean_nothing_are_refused(element: str, field: str, told: str) -> None:
+    with pytest.raises(UserError, match=f"^XML text: {told}; give 0 or more$"):
+        Scene.from_mjcf(with_one(element, f'{field}="-.1"'))
+
+
+@pytest.mark.parametrize(("element", "attribute"), [("joint", 'stiffness="-3"'), ("pair", 'margin="-.01"')])
+def test_negative_numbers_that_mean_something_act_as_mujocos(element: str, attribute: str) -> None:
+    text = with_one(element, attribute)
+    assert worst_step(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text), spread=0.2) < 1e-6

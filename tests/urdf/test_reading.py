@@ -156,3 +156,25 @@ def test_links_that_are_in_each_other_in_every_pose_do_not_touch(urdf: Path, tmp
     assert convert(urdf, tmp_path / "leg.xml", floating=True).notes == found.notes
     urdf.write_text(slide.replace('lower="0" upper="50"', 'lower="1" upper="50"'))  # at 0 it is never
     assert not convert(urdf, tmp_path / "leg.xml", floating=True).notes
+
+
+LOOPS = {  # joints from a parent to a child, and the one that is too many
+    "two links": ("ab ba", 1),
+    "a link of its own": ("aa", 0),
+    "two parents": ("ab ac bd cd", 3),
+    "away from the root": ("ab cd dc", 2),
+}
+
+
+@pytest.mark.parametrize("loop", LOOPS)
+def test_a_joint_that_closes_a_loop_is_named(loop: str, tmp_path: Path) -> None:
+    """MuJoCo says that a body is not found, or has several parents."""
+    ends, at = LOOPS[loop]
+    joint = '<joint name="{0}" type="continuous"><parent link="{0[0]}"/><child link="{0[1]}"/></joint>'
+    links = "".join(f'<link name="{name}"/>' for name in sorted({*ends} - {" "}))
+    text = f'<robot name="r">{links}{"".join(joint.format(pair) for pair in ends.split())}</robot>'
+    with pytest.raises(ValueError, match="URDF body"):
+        mujoco.MjModel.from_xml_string(text)
+    (tmp_path / "loop.urdf").write_text(text)
+    with pytest.raises(UserError, match=f"loop.urdf: joint '{ends.split()[at]}' closes a loop of links"):
+        Scene.from_mjcf(tmp_path / "loop.urdf")

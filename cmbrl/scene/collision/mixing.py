@@ -13,9 +13,10 @@ from cmbrl.errors import UserError
 from cmbrl.scene.collision.contact_records import ContactLaw
 from cmbrl.scene.records import Array
 from cmbrl.scene.source.mjcf import name_of
+from cmbrl.scene.source.solref import acting, note_if_mixed
 from cmbrl.scene.source.support import Gate
 
-_LEAST_FRICTION = 1e-5  # MuJoCo's
+LEAST_FRICTION = 1e-5  #: MuJoCo's
 _LEAST = 1e-6  # of the inverse weight of a free body
 MOST_PAIRS = 600_000  #: a thousand bodies that may all touch each other
 
@@ -109,9 +110,10 @@ def mixed(model: mujoco.MjModel, first: int, second: int, pair: int) -> Mixed:
 def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate: Gate) -> ContactLaw:
     """The parameters of one contact, as the scene has them; the gate is told of what it has not."""
     label = pair_label(model, first, second)
-    if pair >= 0 and np.any(model.pair_solreffriction[pair]):
+    if pair >= 0 and np.any(acting(model.pair_solreffriction[pair], (0.0, 0.0))):
         gate.note("solreffriction", label, "friction uses the solref of the normal direction")
     own = mixed(model, first, second, pair)
+    note_if_mixed(own.solref, "contact", label, gate)
     dim, friction = own.dim, own.friction
     if dim > 3 and "condim" in gate.ignore:
         lost = "torsional friction" if dim == 4 else "torsional and rolling friction"
@@ -123,14 +125,16 @@ def contact_law(model: mujoco.MjModel, first: int, second: int, pair: int, gate:
             continue
         why = f"{'friction' if one == 0 else 'rolling friction'} {friction[one]:g} {friction[other]:g}"
         if not gate.drops("friction_anisotropic", label, why, "the first applies"):
-            friction[[one, other]] = np.maximum(friction[[one, other]], _LEAST_FRICTION)
+            friction[[one, other]] = np.maximum(friction[[one, other]], LEAST_FRICTION)
             ratios[k] = float(friction[other] / friction[one])
     bodies = [int(model.geom_bodyid[geom]) for geom in (first, second)]
     weight = sum(inverse_weight(model, body) for body in bodies)
     reach = own.margin + (own.gap if adhesive_bodies(model).intersection(bodies) else 0.0)
     slide = float(friction[0]) if dim > 1 else 0.0
-    spin, roll = (max(float(friction[k]), _LEAST_FRICTION) if dim > k else 0.0 for k in (2, 3))
-    return ContactLaw(dim, slide, own.solref, own.solimp, own.margin, weight, spin, roll, reach, (ratios[0], ratios[1]))
+    spin, roll = (max(float(friction[k]), LEAST_FRICTION) if dim > k else 0.0 for k in (2, 3))
+    return ContactLaw(
+        dim, slide, acting(own.solref), own.solimp, own.margin, weight, spin, roll, reach, (ratios[0], ratios[1])
+    )
 
 
 def inverse_weight(model: mujoco.MjModel, body: int) -> float:

@@ -16,6 +16,7 @@ from cmbrl.scene.laws import CONTACT_LAWS
 from cmbrl.scene.records import WORLD, Array, JointKind, Tendon, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.source.mjcf import limits_act
+from cmbrl.scene.source.solref import acting
 
 Arrays = dict[str, Any]
 
@@ -83,8 +84,8 @@ def line_arrays(
         **segment_arrays(tree, tendons, more, plane),
         **linkage_arrays(linkages, int(model.nv) + len(tendons)),
         "line_soft": _stack(
-            np.hstack([model.dof_solref, model.dof_solimp]),
-            np.hstack([model.tendon_solref_fri[source], model.tendon_solimp_fri[source]]),
+            np.hstack([acting(model.dof_solref), model.dof_solimp]),
+            np.hstack([acting(model.tendon_solref_fri[source]), model.tendon_solimp_fri[source]]),
             np.zeros((more, 7)),
         ),
         "line_invweight": _stack(model.dof_invweight0, _tendon_weights(model)[source], moved),
@@ -118,8 +119,8 @@ def _limit_arrays(model: mujoco.MjModel, tree: Tree, tendons: list[Tendon]) -> A
     ranges = np.concatenate([model.jnt_range[source], model.tendon_range[which]])
     for k in [k for k, joint in enumerate(limited) if joint.kind == JointKind.BALL]:
         ranges[k] = np.array([-1, 1]) * model.jnt_range[source[k]].max()  # of the angle, about any axis
-    of_joints = np.hstack([model.jnt_solref[source], model.jnt_solimp[source]])
-    of_tendons = np.hstack([model.tendon_solref_lim[which], model.tendon_solimp_lim[which]])
+    of_joints = np.hstack([acting(model.jnt_solref[source]), model.jnt_solimp[source]])
+    of_tendons = np.hstack([acting(model.tendon_solref_lim[which]), model.tendon_solimp_lim[which]])
     return {
         "lim_line": integers([*dofs, *lines]),
         "lim_ball": integers([j.qadr if j.kind == JointKind.BALL else -1 for j in limited] + [-1] * len(lines)),

@@ -9,6 +9,7 @@ import numpy as np
 
 from cmbrl.scene.collision.candidate_table import CandidateTable
 from cmbrl.scene.collision.contact_records import ContactLaw
+from cmbrl.scene.collision.mixing import LEAST_FRICTION
 from cmbrl.scene.forces.actuators import Actuator, force_limit
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.layout import CONTACT_FIELDS, Layout
@@ -104,8 +105,18 @@ def _law_block(own: ContactLaw, law: LawChoice) -> Array:
         ref = _spring_damper(own)
     elif law.name == "logistic":
         ref = law.stiffness, 0.0
-    turning = own.spin, own.roll
-    return np.array([own.friction, 0.0, 0.0, *ref, *own.solimp[:3], 0.0, *turning])  # MJCF cannot express restitution
+    friction, restitution = _sliding(own, law), 0.0  # which MJCF cannot express
+    return np.array([friction, restitution, 0.0, *ref, *own.solimp[:3], 0.0, own.spin, own.roll])
+
+
+def _sliding(own: ContactLaw, law: LawChoice) -> float:
+    """The coefficient of sliding friction.
+
+    MuJoCo raises one of 0, by which its law makes a contact stiffer, and without which nothing turns against friction.
+    Elsewhere 0 stays: such a contact has fewer rows.
+    """
+    raised = own.dim > 3 or (own.dim > 1 and law.name == "mujoco")
+    return max(own.friction, LEAST_FRICTION) if raised else own.friction
 
 
 def _spring_damper(law: ContactLaw) -> tuple[float, float]:

@@ -28,6 +28,7 @@ from cmbrl.scene.records import Array, Tree
 from cmbrl.scene.source.mjcf import control_names, controlled, name_of
 from cmbrl.scene.source.support import Gate
 
+_STILL = "no joint moves it"
 UNLIMITED = 1e6  #: [N m, N] the limit of an actuator that has none
 
 
@@ -74,7 +75,7 @@ def read_actuators(
                 continue
             linkage = read_linkage(model, tree, k, name, _needs_line(model, k)) if sound else None
             if linkage and not linkage.dofs:
-                gate.note("actuator", name, "no joint moves it")
+                gate.note("actuator", name, _STILL)
                 sound, linkage = False, None
             line = _line(model, lines, k)
             if linkage:
@@ -96,8 +97,11 @@ def _modelled(model: mujoco.MjModel, k: int, lines: Mapping[int, int], gate: Gat
     if 0 <= group <= 30 and model.opt.disableactuator & (1 << group):
         gate.note("actuator", name, f"the file disables actuator group {group}")
         return False
+    if _transmission(model, k) == "tendon" and _line(model, lines, k) < 0:
+        gate.note("actuator", name, _STILL)
+        return False
     sound = True
-    if obstacle := _obstacle(model, lines, k):
+    if obstacle := _obstacle(model, k):
         gate.refuse("actuator_transmission", name, obstacle)
         sound = False
     dynamics = dynamics_of(model, k)
@@ -216,14 +220,11 @@ def _line(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> int:
     return -1
 
 
-def _obstacle(model: mujoco.MjModel, lines: Mapping[int, int], k: int) -> str | None:
+def _obstacle(model: mujoco.MjModel, k: int) -> str | None:
     """Why an actuator's transmission is not modelled; None if it is."""
-    transmission, target = _transmission(model, k), int(model.actuator_trnid[k, 0])
-    if transmission in ("joint", "jointinparent", "site", "slidercrank", "body") or _line(model, lines, k) >= 0:
-        return None
-    if transmission == "tendon":
-        return f"it drives {name_of(model, 'tendon', target)}, a tendon that is not modelled"
-    return f"it drives a {transmission}"
+    transmission = _transmission(model, k)
+    modelled = transmission in ("joint", "jointinparent", "tendon", "site", "slidercrank", "body")
+    return None if modelled else f"it drives a {transmission}"
 
 
 def _needs_line(model: mujoco.MjModel, k: int) -> bool:

@@ -173,13 +173,31 @@ def _forces(model: mujoco.MjModel, k: int) -> list[str]:
 
 def _is_used(model: mujoco.MjModel, k: int) -> bool:
     """Whether an actuator or an active equality constraint acts along a tendon."""
-    driven = _drivers(model, k)
+    return bool(np.any(_drivers(model, k))) or _is_tied(model, k)
+
+
+def _is_tied(model: mujoco.MjModel, k: int) -> bool:
     ties = (model.eq_type == mujoco.mjtEq.mjEQ_TENDON) & (model.eq_active0 != 0)
-    tied = ties & ((model.eq_obj1id == k) | (model.eq_obj2id == k))
-    return bool(np.any(driven) or np.any(tied))
+    return bool(np.any(ties & ((model.eq_obj1id == k) | (model.eq_obj2id == k))))
+
+
+def _is_constrained(model: mujoco.MjModel, k: int) -> bool:
+    """Whether a tendon has limits, dry friction or an active equality constraint."""
+    return _is_tied(model, k) or not {"limits", "friction loss"}.isdisjoint(_forces(model, k))
+
+
+def _joint_that_repeats(model: mujoco.MjModel, k: int) -> str | None:
+    """A joint that a sum of joint positions has more than once."""
+    first = int(model.tendon_adr[k])
+    joints = model.wrap_objid[first : first + int(model.tendon_num[k])].tolist()
+    return next((name_of(model, "joint", joint) for joint in joints if joints.count(joint) > 1), None)
 
 
 def _check(model: mujoco.MjModel, k: int, name: str, gate: Gate) -> None:
+    if is_fixed(model, k) and _is_constrained(model, k) and (joint := _joint_that_repeats(model, k)):
+        # MuJoCo takes the inverse weight of such a tendon for 0, and makes no row for it.
+        why = f"joint {joint} comes more than once in its sum, and MuJoCo drops its constraints: give the sum once"
+        gate.refuse("tendon", name, why, "the sum acts, and is hard")
     if not is_fixed(model, k) and (armature := armature_of(model, k)):
         gate.refuse("tendon", name, f"armature {armature:g} of a tendon through sites", "left out")
     for field in ("stiffness", "damping"):

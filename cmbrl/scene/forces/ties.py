@@ -15,6 +15,7 @@ from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, Tie, TieKind, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
 from cmbrl.scene.source.mjcf import ignores, name_of
+from cmbrl.scene.source.solref import acting
 from cmbrl.scene.source.support import Gate
 
 _KINDS = mujoco.mjtEq
@@ -92,7 +93,7 @@ def tie_arrays(tree: Tree, ties: list[Tie], plane: PlaneOfMotion | None) -> dict
 
 
 def _softness(model: mujoco.MjModel, k: int) -> tuple[Array, Array]:
-    return model.eq_solref[k].copy(), model.eq_solimp[k].copy()
+    return acting(model.eq_solref[k]), model.eq_solimp[k].copy()
 
 
 def _of_bodies(model: mujoco.MjModel, tree: Tree, k: int, name: str) -> Tie:
@@ -141,9 +142,14 @@ def _of_joints(model: mujoco.MjModel, k: int, name: str) -> Tie:
 def _of_tendons(
     model: mujoco.MjModel, k: int, name: str, lines: Mapping[int, int], found: list[Tie], gate: Gate
 ) -> None:
-    tendons = [tendon for tendon in (int(model.eq_obj1id[k]), int(model.eq_obj2id[k])) if tendon >= 0]
-    if missing := [tendon for tendon in tendons if tendon not in lines]:
-        gate.refuse("equality", name, f"it ties {name_of(model, 'tendon', missing[0])}, a tendon that is not modelled")
+    first, second = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
+    tendons = [tendon for tendon in (first, second) if tendon in lines]  # no joint moves another, whose change is 0
+    if not tendons:
+        gate.note("equality", name, "no joint moves what it ties")
+        return
+    if first not in lines:
+        still, moving = (name_of(model, "tendon", tendon) for tendon in (first, second))
+        gate.refuse("equality", name, f"it ties {still}, which no joint moves, to {moving}: tie {moving} alone")
         return
     refs = [float(model.tendon_length0[tendon]) for tendon in tendons]
     weight = float(model.tendon_invweight0[tendons].sum())

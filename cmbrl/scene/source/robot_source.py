@@ -23,6 +23,13 @@ RobotSource: TypeAlias = str | Path | mujoco.MjSpec | mujoco.MjModel
 LARGEST = 1e12  #: of any mass, length, stiffness or gain
 _OF_BODIES = ("body_", "jnt_", "dof_", "geom_", "pair_", "actuator_", "tendon_")
 _PHYSICAL = ("qpos0", "qpos_spring", "wrap_prm", "eq_data", "eq_sol", *_OF_BODIES)
+_NEVER_NEGATIVE = {  # what takes energy away, adds inertia, or is a distance, by owner
+    "dof": ("armature", "damping", "frictionloss"),
+    "tendon": ("armature", "damping", "frictionloss"),
+    "actuator": ("armature", "damping"),
+    "geom": ("gap",),
+    "pair": ("gap",),
+}
 _LFS = b"version https://git-lfs"  # how the file begins that a clone without Git LFS has in place of another
 _REMEDY = "give the path of an MJCF (.xml) or a URDF, its text, an MjSpec or an MjModel"
 
@@ -72,6 +79,7 @@ def compile_robot(source: RobotSource, ignore: Collection[str] = ()) -> Compiled
         bytes(model.names).decode()
     except UnicodeDecodeError:
         raise UserError(f"{label}: has a name that is not UTF-8: save the file as UTF-8") from None
+    _check_signs(model, label)
     _check_inertia(model, label)
     _check_values(model, label)
     return Compiled(model, label, file, tuple(warnings), notes)
@@ -138,6 +146,16 @@ def _check_values(model: mujoco.MjModel, label: str) -> None:
                 raise UserError(
                     f"{label}: MuJoCo's {name}{at} is {value:g}; give numbers of a robot, at most {LARGEST:g}"
                 )
+
+
+def _check_signs(model: mujoco.MjModel, label: str) -> None:
+    """Raises UserError for negative numbers that mean nothing, and that MuJoCo takes in ways of its own."""
+    for kind, field in ((kind, field) for kind, fields in _NEVER_NEGATIVE.items() for field in fields):
+        values = getattr(model, f"{kind}_{field}", np.zeros(0))  # some are of recent MuJoCo versions
+        for k in np.flatnonzero(values < 0)[:1].tolist():
+            owner, number = ("joint", int(model.dof_jntid[k])) if kind == "dof" else (kind, k)
+            name = name_of(model, owner, number)
+            raise UserError(f"{label}: {owner} {name!r} has {field} {values[k]:g}; give 0 or more")
 
 
 @contextmanager

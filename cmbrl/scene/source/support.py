@@ -13,17 +13,19 @@ from cmbrl.scene.records import LeftOut
 from cmbrl.scene.source.mjcf import iterations, name_of
 
 KINDS = {  # those below "supported" are modelled, and left out only if they are ignored
-    "tendon": "polynomials of tendons, armature of those through sites, force ranges of several actuators together",
+    "tendon": "polynomials of tendons, armature of those through sites, force ranges of several actuators together, "
+    "constraints on sums with one joint twice",
     "equality": "equality constraints of deformable bodies",
     "flex": "deformable bodies",
     "plugin": "engine plugins other than sensors",
     "actuator_dynamics": "muscles, delays and other states of actuators (integrators and filters are supported)",
-    "actuator_transmission": "actuators on three axes at once (so3), or on a tendon that nothing moves",
+    "actuator_transmission": "actuators on three axes at once (so3)",
     "actuator_bias": "forces of actuators other than MuJoCo's affine ones, pid and dcmotor without a state",
     "geom_type": "contact with SDFs, planes and height fields that move",
     "geom_pair": "contact of two bodies by shapes that need several points or a stand-in (supported unless ignored)",
     "adhesion": "contact adhesion",
     "integrator": "MuJoCo's discrete integrator",
+    "sleep": "bodies that start asleep",
     "missing_mesh": "collision meshes of a URDF that are not there",
     # supported
     "surface_velocity": "surfaces of geoms that move (if ignored, they stand)",
@@ -106,6 +108,17 @@ def check_model(model: mujoco.MjModel, gate: Gate) -> None:
         gate.note("noslip", "option", f"MuJoCo's noslip pass, {iterations(option.noslip_iterations)}, is not made")
     for body in np.flatnonzero(model.body_mocapid >= 0):
         gate.note("mocap", name_of(model, "body", int(body)), "it stays where the file places it")
+    _check_sleep(model, gate)
+
+
+def _check_sleep(model: mujoco.MjModel, gate: Gate) -> None:
+    """Of recent MuJoCo versions, where the file's flag allows it."""
+    flag = getattr(mujoco.mjtEnableBit, "mjENBL_SLEEP", None)
+    if flag is None or not model.opt.enableflags & flag:
+        return
+    gate.note("sleep", "option", "nothing falls asleep: what MuJoCo then holds still moves on slowly")
+    for tree in np.flatnonzero(model.tree_sleep_policy == mujoco.mjtSleepPolicy.mjSLEEP_INIT):
+        gate.refuse("sleep", name_of(model, "body", int(model.tree_bodyadr[tree])), 'sleep="init"', "it starts awake")
 
 
 def _that_sense(model: mujoco.MjModel) -> set[int]:

@@ -32,6 +32,7 @@ def plain(robot: Element, file: Path) -> Iterator[str]:
                 element.set(key, text.replace(",", " "))
     _declare_world(robot)
     _check_ends(robot, file)
+    _check_loops(robot, file)
     yield from _once(robot)
     for link in robot.findall("link"):
         for collision in link.findall("collision"):
@@ -63,6 +64,22 @@ def _check_ends(robot: Element, file: Path) -> None:
                     f"{file}: joint {joint.get('name')!r}: its {end} link is {named}: name a <link>, or remove the "
                     "joint"
                 )
+
+
+def _check_loops(robot: Element, file: Path) -> None:
+    """Raises UserError where a joint leads to a link that has a parent already, or to one above itself."""
+    above: dict[str, str] = {}
+    for joint in robot.findall("joint"):
+        parent, child = (joint.find(end).get("link", "") for end in ("parent", "child"))  # type: ignore[union-attr]
+        root = parent
+        while root in above and root != child:
+            root = above[root]
+        if child in above or root == child:
+            raise UserError(
+                f"{file}: joint {joint.get('name')!r} closes a loop of links, and those of a URDF are a tree: "
+                "remove it, and tie its links by an <equality> in what `cmbrl convert` makes"
+            )
+        above[child] = parent
 
 
 def _once(robot: Element) -> Iterator[str]:
