@@ -65,6 +65,10 @@ def test_ratios_that_motion_hardly_tells_are_left_out() -> None:
     assert "armature.a 0.01" not in text
     assert "without 1, which motion tells within a factor of 3 at best" in text
     assert "if gear.a is what it began at, 1, then" in told(parameters, ratios=[found], set=["gear.a"])
+    held = {**found, "held": ["gear.a", "damping.a", "kd.a"]}
+    assert "if gear.a is the file's 1 and 2 more are right that were held (damping, gear, kd), then" in told(
+        parameters, ratios=[held]
+    )
     del found["parameters"]["mass.a"]  # type: ignore[attr-defined]
     assert "ratios" not in told(parameters, ratios=[found])
 

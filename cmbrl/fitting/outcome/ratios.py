@@ -47,7 +47,8 @@ def beside(
 ) -> dict[str, Any] | None:
     """The same of the columns ``moved`` where ``still``, of the same common factor, kept the file's values.
 
-    ``covariance`` (n, n) in z as long as these are right; ``wide`` (n, n): in any unit of force.
+    All of these are then taken for right: ``held``. ``covariance`` (n, n) in z as long as they are; ``wide`` (n, n): in
+    any unit of force.
     """
     theta, found = space.theta(z), {}
     for column in moved:
@@ -56,4 +57,5 @@ def beside(
             value, factor = float(theta[column]), float(np.exp(_NORMAL_95 * apart * space.sd[column]))
             found[space.names[column]] = [value, value / factor, value * factor]
     first = next((k for k in still if space.transform[k] == "log"), still[0])  # one that is 0 is no unit
-    return {"reference": space.names[first], "parameters": found} if found else None
+    held = [space.names[k] for k in still]
+    return {"reference": space.names[first], "held": held, "parameters": found} if found else None

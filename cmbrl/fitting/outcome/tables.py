@@ -50,7 +50,6 @@ def ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
     Without those that it hardly tells either.
     """
     for found in report.get("ratios", ()):
-        reference = found["reference"]
         told = {
             name: _clearness(value, low, high, parameters[name].nominal)
             for name, (value, low, high) in found["parameters"].items()
@@ -58,8 +57,7 @@ def ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
         }
         if not told:
             continue
-        known = "what it began at," if reference in report.get("set", ()) else "the file's"
-        title = f"ratios that motion tells: if {reference} is {known} {parameters[reference].nominal:.5g}, then"
+        title = f"ratios that motion tells: if {_condition(found, parameters, report)}, then"
         yield from textwrap.wrap(title, WIDTH, subsequent_indent="  ")
         shown = [(name, *found["parameters"][name]) for name in _clearest(told, _FEW_ROWS, whole)]
         yield from _columns([
@@ -69,6 +67,18 @@ def ratios(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
         yield from _rest(told, shown, start_of(report))
         if more := len(found["parameters"]) - len(told):
             yield f"  without {more}, which motion tells within a factor of {_WIDE:g} at best"
+
+
+def _condition(found: Mapping[str, Any], parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str:
+    """What ratios take for right: the size of one parameter, or of all that a fit held."""
+    reference, held = found["reference"], found.get("held", ())
+    known = "what it began at," if reference in report.get("set", ()) else "the file's"
+    first = f"{reference} is {known} {parameters[reference].nominal:.5g}"
+    if len(held) < 2:
+        return first
+    groups = sorted({name.partition(".")[0] for name in held})
+    of = ", ".join(groups[:3]) + (", ..." if len(groups) > 3 else "")
+    return f"{first} and {len(held) - 1} more are right that were held ({of})"
 
 
 def combinations_title(report: Mapping[str, Any]) -> str:
