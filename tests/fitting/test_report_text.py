@@ -73,6 +73,16 @@ def test_ratios_that_motion_hardly_tells_are_left_out() -> None:
     assert "ratios" not in told(parameters, ratios=[found])
 
 
+@pytest.mark.parametrize(("encoders", "says"), [(1e-4, True), (1e-3, False), (0.0, False)])
+def test_what_is_left_beyond_the_noise_of_encoders_is_said(encoders: float, says: bool) -> None:
+    errors = {
+        "rmse": {"hold": 9.0, "nominal": 0.5, "fitted": 0.01},
+        "loss": {"hold": 9.0, "nominal": 0.5, "fitted": 0.1},
+    }
+    text = told({}, horizons=[{"steps": 900, "estimated": True, "encoders": encoders, **errors}])
+    assert ("over 900 steps, what is left is 1e+02 times the noise of the encoders" in text) == says
+
+
 POLE = """<mujoco><option timestep=".005"/><worldbody><body name="pole"><joint name="a" axis="0 1 0" damping=".01"/>
 <geom type="capsule" size=".02" fromto="0 0 0 0 0 {}" mass=".3"/></body></worldbody>
 <actuator><motor name="a" joint="a"/></actuator></mujoco>"""

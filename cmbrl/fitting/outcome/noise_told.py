@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 _MOST = 6  # names that are listed
+_MUCH = 20.0  # times the noise of encoders; a start whose velocity is estimated leaves a few times it
 
 
 def sensors_told(report: Mapping[str, Any]) -> Iterator[tuple[str, list[str]]]:
@@ -32,6 +33,19 @@ def starts_told(report: Mapping[str, Any]) -> str | None:
         "places and velocities that nothing holds, from which predictions start, err by about "
         f"{_range(place[free])} (m, rad) and {_range(speed[free])} (m/s, rad/s){which}: each prediction may start "
         "elsewhere within that"
+    )
+
+
+def left_told(report: Mapping[str, Any]) -> str | None:
+    """One line where servos hold a robot, and far more is left than the noise of its encoders leaves."""
+    row = (report.get("horizons") or [{}])[-1]
+    floor = row.get("encoders", 0.0)
+    if not floor or row["rmse"]["fitted"] < _MUCH * floor:
+        return None
+    return (
+        f"over {row['steps']} steps, what is left is {row['rmse']['fitted'] / floor:.2g} times the noise of the "
+        "encoders: the robot or its drives do something that the model lacks; page.html shows at what command, speed "
+        "and position"
     )
 
 

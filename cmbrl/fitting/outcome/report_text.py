@@ -17,7 +17,7 @@ from cmbrl.fitting.outcome.agreement import sentences
 from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.lateness import lateness_told
 from cmbrl.fitting.outcome.laws_told import laws_told, play_told
-from cmbrl.fitting.outcome.noise_told import sensors_told, starts_told
+from cmbrl.fitting.outcome.noise_told import left_told, sensors_told, starts_told
 from cmbrl.fitting.outcome.tables import WIDTH, combinations, ratios, table
 from cmbrl.fitting.outcome.unit import unit_told
 from cmbrl.fitting.outcome.untold_delay import untold_delay_told
@@ -80,6 +80,8 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     for row in report.get("horizons", ()):
         yield f"  {row['steps']:>6d}" + "".join(f"{row[of][name]:>15.4g}" for of in MEASURES for name in MODELS)
     if told := starts_told(report):
+        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
+    if told := left_told(report):
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     for title, shown in sensors_told(report):
         yield from _folded(title, shown)

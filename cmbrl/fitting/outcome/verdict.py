@@ -17,7 +17,7 @@ from cmbrl.fitting.log.judge import Judge
 from cmbrl.fitting.search.unseen import Unseen
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.deviations import deviations
-from cmbrl.models.windows import blocks_of, least_units
+from cmbrl.models.windows import blocks_of, least_units, noise_of_positions
 
 HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
 MODELS = ("hold", "nominal", "fitted")
@@ -42,7 +42,8 @@ def by_horizon(
     By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. "by_channel": the fit's RMSE
     of each coordinate and velocity that is compared, in their order. ``share``: of the windows.
     ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity. Where
-    velocities are estimates, over one horizon: nearly as long as the parts that are held out.
+    velocities are estimates, over one horizon: nearly as long as the parts that are held out; "encoders" is the RMSE
+    that noise of positions alone leaves there, where servos hold all joints.
     """
     log, scene = evidence.log, evidence.model.scene
     told = np.tile(evidence.told, 2)
@@ -59,12 +60,21 @@ def by_horizon(
             off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
             found.setdefault(judge.horizon, []).append((judge, off))
     rows = [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
-    rows = [row | {"estimated": True} for row in rows] if evidence.positions_only else rows
+    if evidence.positions_only:
+        held = len(evidence.observation.joints_q) == scene.nv == scene.nu and evidence.observation.holds.all()
+        floor = _root_mean(noise_of_positions(scene, log), units[1][: scene.nv]) if held else 0.0
+        rows = [row | {"estimated": True, "encoders": floor} for row in rows]
     for row in rows:
         if noise is None:
             break
         row["noise"] = _noise_of_holding(noise, row["steps"] * log.dt, units[0 if row["steps"] == 1 else 1])
     return rows
+
+
+def _root_mean(noise: np.ndarray, unit: np.ndarray) -> float:
+    """Root mean square of ``noise`` (nv,) in the ``unit`` (nv,) of what is compared."""
+    moves = np.isfinite(unit)
+    return float(np.sqrt(np.mean((noise[moves] / unit[moves]) ** 2))) if moves.any() else 0.0
 
 
 def _longest(evidence: Evidence, least: int) -> int:
