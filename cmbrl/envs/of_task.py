@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 def decision_process(task: Task) -> MDP:
     """The task's decision process; raises UserError if it has none, one of another control step, or one that is wrong.
 
-    What its functions return is tried on a few states (:mod:`cmbrl.envs.checked`).
+    What its functions return is tried on a few states (:mod:`cmbrl.envs.checked`), together and alone
+    (:mod:`cmbrl.envs.checked_rows`).
     """
     from cmbrl.envs.checked import check_process
+    from cmbrl.envs.checked_rows import check_rows
 
     if task.mdp is None:
         raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {_with_one() or 'none'}")
@@ -34,6 +36,7 @@ def decision_process(task: Task) -> MDP:
             f"{task.control_dt:g} s: fix dt, repeat or control_dt"
         )
     check_process(mdp, f"task {task.name!r}")
+    check_rows(mdp, f"task {task.name!r}")
     return mdp
 
 

@@ -94,6 +94,7 @@ def task(**changes) -> Task:
         ({"act": lambda q, v, a: (q, v, a.numpy())}, r"act gives \(a tensor, a tensor, numpy.ndarray\): return the"),
         (
             {"act": lambda q, v, a: (q, v, a.sum())},
+            r"act gives shape \(\) for a batch of 12: give a row for each state",
         ),
         ({"observe": lambda q, v: None}, "observe gives None: return a torch tensor"),
         ({"observe": lambda q, v: np.hstack([q, v])}, "observe gives numpy.ndarray: return a torch tensor"),
