@@ -106,6 +106,25 @@ def real_system(task: Task) -> SystemFactory:
     return made
 
 
+def check_system(task: Task) -> None:
+    """Raises UserError as :func:`real_system` does, before a training that needs no real system, where that is MuJoCo.
+
+    Any other is left alone: a driver may take long to connect, and a robot should not move for a check.
+    """
+    if task.system is not None and _makes_mujoco(task.system):
+        real_system(task)()
+
+
+def _makes_mujoco(make: SystemFactory) -> bool:
+    """Whether the code of ``make`` names :class:`MujocoSystem`, or a class of its module that is one."""
+    from cmbrl.system import MujocoSystem
+
+    code, known = getattr(make, "__code__", None), getattr(make, "__globals__", {})
+    named = [] if code is None else code.co_names
+    kinds = [known.get(name) for name in named]
+    return MujocoSystem.__name__ in named or any(isinstance(x, type) and issubclass(x, MujocoSystem) for x in kinds)
+
+
 def _with_one() -> str:
     """Names of the tasks that have a process; those that fail to load are left out."""
     found = []

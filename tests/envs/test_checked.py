@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ import torch
 
 from cmbrl.data import Transitions
 from cmbrl.envs.checked import check_derivative
-from cmbrl.envs.of_task import decision_process, real_system, recorded
+from cmbrl.envs.of_task import check_system, decision_process, real_system, recorded
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
 from cmbrl.numbers import real_array
 from cmbrl.registry import Task
+from cmbrl.system import MujocoSystem
 
 
 def process(**changes) -> MDP:
@@ -143,6 +145,20 @@ def test_as_many_states_are_tried_as_nothing_has_columns(width: int) -> None:
     row_for_column = {"reset": reset, "observe": lambda q, v: q[:, :2], "reward": lambda q, v, a, q1, v1: v1[1]}
     with pytest.raises(UserError, match=rf"MDP.reward gives shape \({width},\) for {23 - width} states"):
         decision_process(task(**row_for_column))
+
+
+class Moved(MujocoSystem):
+    """A real system of a class of the task's own."""
+
+
+def test_a_real_system_of_mujoco_is_compared_before_a_training(tmp_path: Path) -> None:
+    file = tmp_path / "ball.xml"
+    file.write_text("<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>")
+    for make in (lambda: MujocoSystem(file, frame_skip=5), lambda: Moved(file, frame_skip=5)):
+        with pytest.raises(UserError, match=r"a step of Task.system takes 0.01 s, and Task.control_dt is 0.02 s"):
+            check_system(replace(task(), system=make))
+    check_system(replace(task(), system=lambda: MujocoSystem(file, frame_skip=10)))
+    check_system(task())  # a driver, of another control step: it is made when it is needed
 
 
 def test_a_real_system_that_cannot_be_made_is_told_with_its_place() -> None:
