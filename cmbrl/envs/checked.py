@@ -28,12 +28,7 @@ def check_process(mdp: MDP, label: str) -> None:
     Warns of starts that cannot be drawn again.
     """
     q, v = some(mdp, label)
-    if not all(map(torch.equal, (q, v), some(mdp, label))):
-        warnings.warn(
-            f"{label}: MDP.reset gives other states for the same generator, so that no run can be repeated: draw all "
-            "from it (generator=generator)",
-            stacklevel=2,
-        )
+    _warn_of_other_chance((q, v), some(mdp, label), label)
     rows, action = len(q), q.new_zeros(len(q), mdp.actions)
     seen = called(mdp.observe, "observe", label, q, v)
     if seen.shape != (rows, mdp.observations):
@@ -152,6 +147,16 @@ def failure(error: Exception) -> str:
     own = [f for f in frames if "site-packages" not in f.filename and not Path(f.filename).is_relative_to(ours)]
     place = f" in {own[-1].filename}, line {own[-1].lineno}" if own else ""
     return f"{type(error).__name__}: {error}{place}"
+
+
+def _warn_of_other_chance(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor], label: str) -> None:
+    """Warns where starts of the same seed differ."""
+    if not all(map(torch.equal, first, second)):
+        warnings.warn(
+            f"{label}: MDP.reset gives other states for the same generator, so that no run can be repeated: draw all "
+            "from it (generator=generator)",
+            stacklevel=2,
+        )
 
 
 def _one_each(x: Tensor, rows: int, what: str) -> None:
