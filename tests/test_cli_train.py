@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 import torch
 from PIL import Image
 
+from cmbrl import registry
 from cmbrl.cli.main import main
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.episode import play_episode
@@ -21,6 +23,7 @@ from cmbrl.envs.evaluation import evaluate_model, evaluate_real
 from cmbrl.envs.system_batch import SystemBatch
 from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.registry import load_task
+from cmbrl.system import MujocoSystem
 from cmbrl.train.checkpoint import load_state
 from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.policy_file import load_policy, save_policy
@@ -221,6 +224,16 @@ def test_an_exported_policy_records(place: Path, tmp_path: Path, capsys: pytest.
     shown = capsys.readouterr().err
     assert shown.startswith(f"cmbrl: {script}: the policy fails on 17 observations")
     assert shown.count("\n") == 1
+
+
+def test_a_real_system_of_another_step_is_told_before_a_training(
+    tmp_path: Path, refused: Refused, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hopper = load_task("hopper")
+    skipping = replace(hopper, name="skipping", system=lambda: MujocoSystem(hopper.scene_path, frame_skip=2))
+    monkeypatch.setitem(registry._registered, "skipping", skipping)
+    typed = "train skipping --algorithm shac --model nominal --out new"
+    refused(tmp_path, typed, "'skipping': a step of Task.system takes 0.004 s", "0.008 s: fix its frame_skip")
 
 
 NEW = "train hopper --out new --iterations 1"

@@ -15,8 +15,9 @@ import cmbrl
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 
-ROWS = 3  # states: more than one, so that numbers of a batch are told from numbers of one state
+MOST = 12  # states that are tried
 STATES = ("q", "v", "action", "q'", "v'")  # what functions take, in this order
+PARTS = {"reset": ("q", "v"), "act": ("q", "v", "u")}  # what these give; all others give one tensor
 
 
 @torch.no_grad()
@@ -24,28 +25,30 @@ def check_process(mdp: MDP, label: str) -> None:
     """Raises UserError for the first function of ``mdp`` that fails, changes what it is given, or returns nonsense.
 
     That is rows of another shape, or numbers that are none; starts that are float32, and starts that are all ends.
+    Warns of starts that cannot be drawn again.
     """
-    q, v = started(mdp, ROWS, label)
-    action = torch.zeros(ROWS, mdp.actions, dtype=torch.float64)
+    q, v = some(mdp, label)
+    _warn_of_other_chance((q, v), some(mdp, label), label)
+    rows, action = len(q), q.new_zeros(len(q), mdp.actions)
     seen = called(mdp.observe, "observe", label, q, v)
-    if seen.shape != (ROWS, mdp.observations):
-        remedy = f"set MDP.observations to {seen.shape[1]}" if seen.dim() == 2 and len(seen) == ROWS else "give rows"
+    if seen.shape != (rows, mdp.observations):
+        remedy = f"set MDP.observations to {seen.shape[1]}" if seen.dim() == 2 and len(seen) == rows else "give rows"
         raise UserError(
-            f"{label}: MDP.observe gives shape {_shape(seen)} for {ROWS} states, and MDP.observations is "
+            f"{label}: MDP.observe gives shape {_shape(seen)} for {rows} states, and MDP.observations is "
             f"{mdp.observations}: {remedy}"
         )
     _finite(seen, f"{label}: MDP.observe gives numbers")
     reward = called(mdp.reward, "reward", label, q, v, action, q.clone(), v.clone())
-    _one_each(reward, f"{label}: MDP.reward")
+    _one_each(reward, rows, f"{label}: MDP.reward")
     if not reward.is_floating_point():
         raise UserError(f"{label}: MDP.reward gives {reward.dtype}: give float64, one for each state")
     _finite(reward, f"{label}: MDP.reward gives numbers")
     if mdp.shaping is not None:
-        _one_each(called(mdp.shaping, "shaping", label, q, v), f"{label}: MDP.shaping")
+        _one_each(called(mdp.shaping, "shaping", label, q, v), rows, f"{label}: MDP.shaping")
     for name, ends in (("terminated", mdp.terminated), ("truncated", mdp.truncated)):
         if ends is not None:
             found = called(ends, name, label, q, v)
-            _one_each(found, f"{label}: MDP.{name}")
+            _one_each(found, rows, f"{label}: MDP.{name}")
             if found.dtype != torch.bool:
                 raise UserError(f"{label}: MDP.{name} gives {found.dtype}: give bool, one for each state")
             if found.all() and mdp.episode_steps > 1:  # a throw is over after its one step
@@ -58,8 +61,8 @@ def check_derivative(mdp: MDP, label: str) -> None:
 
     Raises UserError for functions that cannot be called with states that are differentiated.
     """
-    q, v = (x.requires_grad_() for x in started(mdp, ROWS, label))
-    action = torch.zeros(ROWS, mdp.actions, dtype=torch.float64)
+    q, v = (x.requires_grad_() for x in some(mdp, label))
+    action = q.new_zeros(len(q), mdp.actions)
     found = {
         "observe": called(mdp.observe, "observe", label, q, v),
         "reward": called(mdp.reward, "reward", label, q.detach(), v.detach(), action, q.clone(), v.clone()),
@@ -72,6 +75,14 @@ def check_derivative(mdp: MDP, label: str) -> None:
                 f"without detach, item or comparisons{instead}",
                 stacklevel=2,
             )
+
+
+def some(mdp: MDP, label: str) -> tuple[Tensor, Tensor]:
+    """q, v of up to ``MOST`` starts: as many as nothing else of ``mdp``, so that rows are not taken for columns."""
+    q, v = started(mdp, MOST, label)
+    widths = {q.shape[1], q.shape[1] - mdp.memory, v.shape[1], mdp.actions, mdp.observations}
+    rows = next(n for n in range(MOST, 0, -1) if n not in widths)
+    return q[:rows], v[:rows]
 
 
 def started(mdp: MDP, count: int, label: str) -> tuple[Tensor, Tensor]:
@@ -89,7 +100,7 @@ def started(mdp: MDP, count: int, label: str) -> tuple[Tensor, Tensor]:
 def called(function: Callable[..., Any], name: str, label: str, *states: Any) -> Any:
     """What ``function``, which the task gives as ``MDP.name``, returns for ``states``.
 
-    Raises UserError with the place in the task's file where it fails, and if it changes ``states``.
+    Raises UserError with the place in the task's file where it fails, if it changes ``states``, and for no tensors.
     """
     kept = [x.clone() if isinstance(x, Tensor) else None for x in states]
     try:
@@ -104,7 +115,29 @@ def called(function: Callable[..., Any], name: str, label: str, *states: Any) ->
             raise UserError(
                 f"{label}: MDP.{name} changes {what} in place: write x = x + 1 instead of x += 1, or take x.clone()"
             )
+    _check_kind(found, name, label)
     return found
+
+
+def _check_kind(found: Any, name: str, label: str) -> None:
+    """Raises UserError unless ``found`` is what ``MDP.name`` has to give: a tensor, or a tuple of them."""
+    parts = PARTS.get(name)
+    if parts is None:
+        wanted, sound = "a torch tensor", isinstance(found, Tensor)
+    else:
+        wanted = f"the torch tensors {', '.join(parts)}"
+        sound = isinstance(found, tuple | list) and len(found) == len(parts) and all(map(torch.is_tensor, found))
+    if not sound:
+        raise UserError(f"{label}: MDP.{name} gives {_kind(found)}: return {wanted}")
+
+
+def _kind(found: Any) -> str:
+    """What a value is, in a word or, for a few values, one each."""
+    if isinstance(found, tuple | list) and len(found) <= len(STATES):
+        return f"({', '.join(map(_kind, found))})"
+    if found is None or isinstance(found, Tensor):
+        return "None" if found is None else "a tensor"
+    return f"{type(found).__module__}.{type(found).__name__}".removeprefix("builtins.")
 
 
 def failure(error: Exception) -> str:
@@ -116,9 +149,19 @@ def failure(error: Exception) -> str:
     return f"{type(error).__name__}: {error}{place}"
 
 
-def _one_each(x: Tensor, what: str) -> None:
-    if x.shape != (ROWS,):
-        raise UserError(f"{what} gives shape {_shape(x)} for {ROWS} states: give one number each, shape ({ROWS},)")
+def _warn_of_other_chance(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor], label: str) -> None:
+    """Warns where starts of the same seed differ."""
+    if not all(map(torch.equal, first, second)):
+        warnings.warn(
+            f"{label}: MDP.reset gives other states for the same generator, so that no run can be repeated: draw all "
+            "from it (generator=generator)",
+            stacklevel=2,
+        )
+
+
+def _one_each(x: Tensor, rows: int, what: str) -> None:
+    if x.shape != (rows,):
+        raise UserError(f"{what} gives shape {_shape(x)} for {rows} states: give one number each, shape ({rows},)")
 
 
 def _finite(x: Tensor, what: str) -> None:

@@ -1,4 +1,4 @@
-"""Whether a decision process fits its robot: widths of states and controls, ranges of commands, starts in the floor."""
+"""Whether a decision process fits its robot: widths of states and controls, ranges of commands and joints, overlaps."""
 
 from __future__ import annotations
 
@@ -22,14 +22,16 @@ if TYPE_CHECKING:
 STARTS = 32  # states that are tried
 DEEP, MOST = 0.01, 0.5  # m inside each other in this share of the starts: noise of resets stays below in most
 TURNS = (0.5, 2.0)  # norms of quaternions: models scale them, and noise of resets may change them somewhat
-LITTLE, WASTED = 0.1, 0.5  # shares: of a range of controls that actions reach, and of the actions that lie within it
+LITTLE, WASTED = 0.1, 0.75  # shares: of a range of controls that actions reach, and of the actions that lie within it
+BEYOND, SOME = 0.05, 0.1  # of a joint's range, which limits may give way, in this share of the starts
+TURNED = 3.0  # times the largest angle of a joint: an angle in degrees
 
 
 def check_robot(mdp: MDP, task: Task) -> None:
     """Raises UserError where ``mdp`` moves another robot than the one of the task's file, and warns of likely mistakes.
 
-    Those are commands beyond an actuator's range, or in a tenth of it, and starts inside the floor or each other. A
-    file that cannot be modelled is not looked at: its real system can act all the same.
+    Those are commands beyond an actuator's range, or in a tenth of it, and starts beyond limits of joints, inside the
+    floor or each other. A file that cannot be modelled is not looked at: its real system can act all the same.
     """
     scene = None
     with suppress(UserError):
@@ -47,9 +49,12 @@ def _check(mdp: MDP, scene: Scene, label: str) -> None:
     _check_turns(mdp.robot(q), scene, label)
     start, least = _acted(mdp, q, v, -1.0, scene, label)
     _, most = _acted(mdp, q, v, 1.0, scene, label)
-    if mdp.act is type(mdp).act:  # the action is the control; a range that a task chose itself it has thought of
-        _warn_of_ranges(torch.stack([least[0], most[0]]).numpy(), scene, label)
-    _warn_of_overlap(mdp.robot(start).numpy(), scene, label)
+    ends = torch.stack([least, most]).numpy()
+    if (ends == ends[:, :1]).all():  # else a law of the state, such as a servo's, whose commands may well be too large
+        _warn_of_ranges(ends[:, 0], mdp.act is not type(mdp).act, scene, label)
+    at = mdp.robot(start).numpy()
+    _warn_of_limits(at, scene, label)
+    _warn_of_overlap(at, scene, label)
 
 
 def _acted(mdp: MDP, q: Tensor, v: Tensor, action: float, scene: Scene, label: str) -> tuple[Tensor, Tensor]:
@@ -84,20 +89,47 @@ def _check_turns(q: Tensor, scene: Scene, label: str) -> None:
             )
 
 
-def _warn_of_ranges(ends: np.ndarray, scene: Scene, label: str) -> None:
-    """Warns of an actuator whose range the controls (2, nu) of actions of -1 and 1 fill badly, if it has a range."""
+def _warn_of_ranges(ends: np.ndarray, own: bool, scene: Scene, label: str) -> None:
+    """Warns of an actuator whose range the controls (2, nu) of actions of -1 and 1 fill badly, if it has a range.
+
+    ``own``: by ``MDP.act``; that a task keeps to a small part of a range is then its choice.
+    """
     low, high = np.reshape(scene.core.act_ctrl, (-1, 2)).T
     shared = np.minimum(ends.max(axis=0), high) - np.maximum(ends.min(axis=0), low)
-    little = shared < LITTLE * (high - low)
-    for bad in (np.isfinite(high - low) & little, shared < WASTED * np.ptp(ends, axis=0)):
+    little = np.isfinite(high - low) & (shared < LITTLE * (high - low)) & (not own)
+    for bad in (little, shared < WASTED * np.ptp(ends, axis=0)):
         if bad.any():
             k = int(np.argmax(bad))
+            made = f"MDP.act gives controls of {ends[0, k]:g} to {ends[1, k]:g}"
             warnings.warn(
-                f"{label}: actions of -1 to 1 are the controls, and {scene.actuator_names[k]} takes {low[k]:g} to "
-                f"{high[k]:g}: scale them (MDP.act = cmbrl.mdp.between(low, high))",
+                f"{label}: {made if own else 'actions of -1 to 1 are the controls'}, and {scene.actuator_names[k]} "
+                f"takes {low[k]:g} to {high[k]:g}: scale them (MDP.act = cmbrl.mdp.between(low, high))",
                 stacklevel=2,
             )
             return
+
+
+def _warn_of_limits(q: np.ndarray, scene: Scene, label: str) -> None:
+    """Warns of the joint that starts (B, nq) leave furthest outside its range, unless the file itself does so too."""
+    core, single = scene.core, {joint.vadr: joint for joint in scene.joints if joint.kind != JointKind.BALL}
+    limited = [k for k, line in enumerate(core.lim_line.tolist()) if line in single]
+    if not limited:
+        return
+    joints = [single[core.lim_line[k]] for k in limited]
+    at, rest = (x[..., [joint.qadr for joint in joints]] for x in (q, scene.q0))
+    low, high = core.lim_lo[limited], core.lim_hi[limited]
+    beyond = np.maximum(low - at, at - high) / (high - low)
+    beyond[:, (rest < low) | (rest > high)] = 0.0
+    often = (beyond > BEYOND).mean(axis=0) >= SOME
+    k = int(np.argmax(beyond.max(axis=0) * often))
+    if often[k]:
+        worst, turns = at[beyond[:, k].argmax(), k], joints[k].kind == JointKind.HINGE
+        degrees = turns and abs(worst) > TURNED * max(abs(low[k]), abs(high[k]))
+        warnings.warn(
+            f"{label}: MDP.reset starts with {joints[k].name} at up to {worst:.4g} {'rad' if turns else 'm'}, and its "
+            f"range is {low[k]:.4g} to {high[k]:.4g}: {'give radians, not degrees' if degrees else 'start inside it'}",
+            stacklevel=2,
+        )
 
 
 def _warn_of_overlap(q: np.ndarray, scene: Scene, label: str) -> None:

@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 def decision_process(task: Task) -> MDP:
     """The task's decision process; raises UserError if it has none, one of another control step, or one that is wrong.
 
-    What its functions return is tried on a few states (:mod:`cmbrl.envs.checked`).
+    What its functions return is tried on a few states (:mod:`cmbrl.envs.checked`), together and alone
+    (:mod:`cmbrl.envs.checked_rows`).
     """
     from cmbrl.envs.checked import check_process
+    from cmbrl.envs.checked_rows import check_rows
 
     if task.mdp is None:
         raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {_with_one() or 'none'}")
@@ -34,6 +36,7 @@ def decision_process(task: Task) -> MDP:
             f"{task.control_dt:g} s: fix dt, repeat or control_dt"
         )
     check_process(mdp, f"task {task.name!r}")
+    check_rows(mdp, f"task {task.name!r}")
     return mdp
 
 
@@ -101,6 +104,25 @@ def real_system(task: Task) -> SystemFactory:
         return system
 
     return made
+
+
+def check_system(task: Task) -> None:
+    """Raises UserError as :func:`real_system` does, before a training that needs no real system, where that is MuJoCo.
+
+    Any other is left alone: a driver may take long to connect, and a robot should not move for a check.
+    """
+    if task.system is not None and _makes_mujoco(task.system):
+        real_system(task)()
+
+
+def _makes_mujoco(make: SystemFactory) -> bool:
+    """Whether the code of ``make`` names :class:`MujocoSystem`, or a class of its module that is one."""
+    from cmbrl.system import MujocoSystem
+
+    code, known = getattr(make, "__code__", None), getattr(make, "__globals__", {})
+    named = [] if code is None else code.co_names
+    kinds = [known.get(name) for name in named]
+    return MujocoSystem.__name__ in named or any(isinstance(x, type) and issubclass(x, MujocoSystem) for x in kinds)
 
 
 def _with_one() -> str:

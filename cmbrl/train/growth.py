@@ -8,11 +8,14 @@ Gymnasium's hopper and 4 to 5 for its walker; over 10 steps of 50 ms .4 for the 
 
 from __future__ import annotations
 
+import warnings
+
 import torch
 from torch import Tensor
 
 from cmbrl.mdp import MDP
-from cmbrl.models.protocol import Model
+from cmbrl.models.protocol import Model, failures
+from cmbrl.models.step_result import SolverWarning
 from cmbrl.models.wiring import Robots
 
 EPISODES, NOISE = 128, 0.37  # side by side; standard deviation of actions, SHAC's at its start
@@ -25,9 +28,18 @@ def steady_steps(mdp: MDP, model: Model, most: int, growth: float, seed: int = 0
 
     That is the norm of the derivative of a random direction of the velocity in the velocity at the start, both in units
     of their spread, in the median of episodes that go on whether they have failed or not. It is taken as growing with
-    time.
+    time. Warns SolverWarning once, where solves of this motion fail.
     """
-    motion = _Motion(mdp, model, most, seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", SolverWarning)  # one for every step
+        motion = _Motion(mdp, model, most, seed)
+    if failed := failures(model):
+        warnings.warn(
+            f"{failed} contact solves of {EPISODES} episodes under random actions did not converge: try other starts "
+            "(MDP.reset)",
+            SolverWarning,
+            stacklevel=2,
+        )
     if motion.growth(most) <= growth:
         return most
     low, high = 1, most  # the window may be low, and not high

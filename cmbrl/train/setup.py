@@ -8,7 +8,7 @@ from typing import Any
 
 from cmbrl.envs.checked import check_derivative
 from cmbrl.envs.checked_robot import check_robot
-from cmbrl.envs.of_task import decision_process, real_system, task_for
+from cmbrl.envs.of_task import check_system, decision_process, real_system, task_for
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.source import load_log
@@ -124,6 +124,7 @@ def set_up(
         able = " or ".join(known for known, one in ALGORITHMS.items() if one.goes_on)
         raise UserError(f"--start: {name} begins with a policy of its own: train by {able}")
     check_robot(mdp, found)
+    check_system(found)
     if chosen.differentiates:
         check_derivative(mdp, f"task {found.name!r}")
     config = configure(name, found, parse_fields(chosen.load()[1], settings or {}, name))

@@ -101,6 +101,9 @@ def test_a_single_marker_tells_no_turn_of_a_body_that_carries_none(tmp_path, car
     more = "" if carries else ", or, of a marker that tells no turn, give the body three slides instead of a free joint"
     with pytest.raises(UserError, match=rf"no column for ball.qw to qz: .* by --base{more}; columns"):
         import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file))
+    np.savez(tmp_path / "log.npz", t=t, tilt=np.sin(t), lid=np.sin(t), ball_x=t, ball_y=t)  # by a camera from above
+    with pytest.raises(UserError, match=rf"no column for ball.z: .* by --base{more}; columns"):
+        import_logs([tmp_path / "log.npz"], Scene.from_mjcf(file))
 
 
 def test_positions_and_velocities_of_the_base(walk):

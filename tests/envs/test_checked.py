@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ import torch
 
 from cmbrl.data import Transitions
 from cmbrl.envs.checked import check_derivative
-from cmbrl.envs.of_task import decision_process, real_system, recorded
+from cmbrl.envs.of_task import check_system, decision_process, real_system, recorded
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
 from cmbrl.numbers import real_array
 from cmbrl.registry import Task
+from cmbrl.system import MujocoSystem
 
 
 def process(**changes) -> MDP:
@@ -61,13 +63,13 @@ def task(**changes) -> Task:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"observations": 3}, r"observe gives shape \(3, 2\) for 3 states, .* is 3: set MDP.observations to 2"),
+        ({"observations": 3}, r"observe gives shape \(12, 2\) for 12 states, .* is 3: set MDP.observations to 2"),
         ({"observe": lambda q, v: q[:, 0]}, "observe gives shape .* give rows"),
-        ({"reward": lambda q, v, a, q1, v1: v1}, r"reward gives shape \(3, 1\) for 3 states: give one number each"),
+        ({"reward": lambda q, v, a, q1, v1: v1}, r"reward gives shape \(12, 1\) for 12 states: give one number each"),
         ({"reward": lambda q, v, a, q1, v1: v1.sum()}, r"reward gives shape \(\)"),
         ({"reward": lambda q, v, a, q1, v1: torch.log(v1[:, 0] - 1)}, "reward gives numbers that are not finite"),
         ({"observe": lambda q, v: torch.cat([q, v / 0.0], dim=1)}, "observe gives numbers that are not finite"),
-        ({"terminated": lambda q, v: q < 0}, r"terminated gives shape \(3, 1\)"),
+        ({"terminated": lambda q, v: q < 0}, r"terminated gives shape \(12, 1\)"),
         ({"terminated": lambda q, v: q[:, 0]}, "terminated gives torch.float64: give bool"),
         ({"terminated": lambda q, v: q[:, 0] < 1}, "terminated ends every episode at its start"),
         ({"reward": lambda q, v, a, q1, v1: v1[:, 0] > 1}, "reward gives torch.bool: give float64"),
@@ -82,6 +84,25 @@ def task(**changes) -> Task:
         ({"truncated": lambda q, v: q > 0}, "truncated gives shape"),
         ({"shaping": lambda q, v: q}, "shaping gives shape"),
         ({"reset": lambda count, g: (torch.zeros(1).double(), torch.zeros(1).double())}, "reset.* gives q of shape"),
+        (
+            {"reset": lambda count, g: torch.zeros(count, 1).double()},
+            "reset gives a tensor: return the torch tensors q, v",
+        ),
+        (
+            {"reset": lambda count, g: (np.zeros((count, 1)), np.zeros((count, 1)))},
+            r"reset gives \(numpy.ndarray, numpy.ndarray\): return the torch tensors q, v",
+        ),
+        ({"act": lambda q, v, a: a}, "act gives a tensor: return the torch tensors q, v, u"),
+        ({"act": lambda q, v, a: (q, v, a.numpy())}, r"act gives \(a tensor, a tensor, numpy.ndarray\): return the"),
+        (
+            {"act": lambda q, v, a: (q, v, a.sum())},
+            r"act gives shape \(\) for a batch of 12: give a row for each state",
+        ),
+        ({"observe": lambda q, v: None}, "observe gives None: return a torch tensor"),
+        ({"observe": lambda q, v: np.hstack([q, v])}, "observe gives numpy.ndarray: return a torch tensor"),
+        ({"reward": lambda q, v, a, q1, v1: None}, "reward gives None: return a torch tensor"),
+        ({"reward": lambda q, v, a, q1, v1: v1[:, 0].tolist()}, "reward gives list: return a torch tensor"),
+        ({"terminated": lambda q, v: (q[:, 0] > 1).numpy()}, "terminated gives numpy.ndarray: return a torch tensor"),
     ],
 )
 def test_what_a_process_returns_is_checked(changes: dict[str, object], says: str) -> None:
@@ -104,6 +125,40 @@ def test_rewards_and_observations_without_a_derivative_are_told() -> None:
 
 def test_a_sound_process_passes() -> None:
     assert decision_process(task()).observations == 2
+
+
+def test_starts_that_cannot_be_drawn_again_are_told() -> None:
+    def unseeded(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        return torch.rand(count, 1, dtype=torch.float64), torch.rand(count, 1, generator=generator).double()
+
+    with pytest.warns(
+        UserWarning, match="'slide': MDP.reset gives other states for the same generator, so that no run"
+    ):
+        decision_process(task(reset=unseeded))
+
+
+@pytest.mark.parametrize("width", [11, 12])
+def test_as_many_states_are_tried_as_nothing_has_columns(width: int) -> None:
+    def reset(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        return torch.zeros(count, width, dtype=torch.float64), torch.zeros(count, width, dtype=torch.float64)
+
+    row_for_column = {"reset": reset, "observe": lambda q, v: q[:, :2], "reward": lambda q, v, a, q1, v1: v1[1]}
+    with pytest.raises(UserError, match=rf"MDP.reward gives shape \({width},\) for {23 - width} states"):
+        decision_process(task(**row_for_column))
+
+
+class Moved(MujocoSystem):
+    """A real system of a class of the task's own."""
+
+
+def test_a_real_system_of_mujoco_is_compared_before_a_training(tmp_path: Path) -> None:
+    file = tmp_path / "ball.xml"
+    file.write_text("<mujoco><worldbody><body><joint/><geom size='.1'/></body></worldbody></mujoco>")
+    for make in (lambda: MujocoSystem(file, frame_skip=5), lambda: Moved(file, frame_skip=5)):
+        with pytest.raises(UserError, match=r"a step of Task.system takes 0.01 s, and Task.control_dt is 0.02 s"):
+            check_system(replace(task(), system=make))
+    check_system(replace(task(), system=lambda: MujocoSystem(file, frame_skip=10)))
+    check_system(task())  # a driver, of another control step: it is made when it is needed
 
 
 def test_a_real_system_that_cannot_be_made_is_told_with_its_place() -> None:

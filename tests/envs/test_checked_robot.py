@@ -1,4 +1,4 @@
-"""A task's process against the robot of its file: widths, ranges of commands, and starts that overlap."""
+"""A task's process against the robot of its file: widths, ranges of commands and joints, and starts that overlap."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SCENE = """
       <freejoint name="root"/>
       <geom name="ball" type="sphere" size="0.1"/>
       <body name="arm">
-        <joint name="arm" type="hinge" axis="0 1 0"/>
+        <joint name="arm" type="hinge" axis="0 1 0" range="LIMITS" limited="true"/>
         <geom name="arm" type="sphere" pos="0.3 0 0" size="0.05"/>
       </body>
     </body>
@@ -32,10 +32,10 @@ SCENE = """
 """
 
 
-def starts(height: float = 0.5, norm: float = 1.0, nq: int = 8, nv: int = 7):
+def starts(height: float = 0.5, norm: float = 1.0, nq: int = 8, nv: int = 7, arm: float = 0.0):
     def reset(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
         q = torch.zeros(count, nq, dtype=torch.float64)
-        q[:, 2], q[:, 3] = height, norm
+        q[:, 2], q[:, 3], q[:, 7:] = height, norm, arm
         return q, torch.zeros(count, nv, dtype=torch.float64)
 
     return reset
@@ -43,8 +43,8 @@ def starts(height: float = 0.5, norm: float = 1.0, nq: int = 8, nv: int = 7):
 
 @pytest.fixture
 def check(tmp_path: Path):
-    def of(controls: str = "-1 1", **changes: object) -> None:
-        (tmp_path / "ball.xml").write_text(SCENE.replace("RANGE", controls))
+    def of(controls: str = "-1 1", limits: str = "-30 30", **changes: object) -> None:
+        (tmp_path / "ball.xml").write_text(SCENE.replace("RANGE", controls).replace("LIMITS", limits))
         sound = MDP(
             observations=8, actions=1, observe=lambda q, v: q, terminated=never, dt=0.02, episode_steps=10,
             reward=lambda q, v, action, q_next, v_next: v_next[:, 0], reset=starts(),
@@ -90,6 +90,31 @@ def test_controls_that_actions_do_not_match_are_told(check, controls: str) -> No
         UserWarning, match=f"actions of -1 to 1 are the controls, and lift takes {low} to {high}: scale"
     ):
         check(controls)
+
+
+@pytest.mark.parametrize(("low", "high"), [("-17", "17"), ("-1.6", "1.6"), ("2", "3")])
+def test_ranges_of_an_act_beyond_the_actuators_are_told(check, low: str, high: str) -> None:
+    with pytest.raises(UserWarning, match=f"MDP.act gives controls of {low} to {high}, and lift takes -1 to 1: scale"):
+        check(act=between([float(low)], [float(high)]))
+    check(act=between([-0.01], [0.01]))
+    check(act=lambda q, v, a: (q, v, 20 * a - torch.linspace(0, 1, len(q), dtype=q.dtype)[:, None]))  # saturates
+
+
+@pytest.mark.parametrize(
+    ("arm", "says"),
+    [
+        (40.0, "up to 40 rad, and its range is -0.5236 to 0.5236: give radians, not degrees"),
+        (-0.7, "up to -0.7 rad, and its range is -0.5236 to 0.5236: start inside it"),
+    ],
+)
+def test_starts_beyond_the_range_of_a_joint_are_told(check, arm: float, says: str) -> None:
+    with pytest.raises(UserWarning, match=f"MDP.reset starts with arm at {says}"):
+        check(reset=starts(arm=arm))
+    check(reset=starts(arm=0.53))  # limits are soft
+
+
+def test_starts_beyond_a_range_that_the_file_leaves_too_pass(check) -> None:
+    check(reset=starts(arm=-0.7), limits="10 30")
 
 
 def test_starts_inside_the_floor_are_told(check) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +12,7 @@ import torch
 from cmbrl.envs.of_task import decision_process
 from cmbrl.errors import UserError
 from cmbrl.models.named import nominal_model
+from cmbrl.models.step_result import SolverWarning
 from cmbrl.registry import Task, load_task
 from cmbrl.train.algorithms import ALGORITHMS
 from cmbrl.train.growth import steady_steps
@@ -179,6 +181,25 @@ def test_units_are_no_growth() -> None:
             return q, v[:, :1] * turns + 0.1 * u.mean(dim=1, keepdim=True)
 
     assert steady_steps(mdp, Rolling(), 20, 2.5) == 20  # type: ignore[arg-type]
+
+
+def test_solves_that_fail_under_random_actions_are_told_once() -> None:
+    class Failing:
+        name, failures = "failing", 0
+
+        def reset_failures(self) -> None:
+            self.failures = 0
+
+        def step(self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            self.failures += 1
+            warnings.warn(f"{self.failures} of 128", SolverWarning, stacklevel=1)
+            return q, v
+
+    mdp = replace(decision_process(load_task("hopper")), dt=0.1)
+    with pytest.warns(SolverWarning) as told:
+        assert steady_steps(mdp, Failing(), 6, 2.0) == 6  # type: ignore[arg-type]
+    (only,) = told
+    assert str(only.message).startswith("10 contact solves of 128 episodes under random actions did not converge")
 
 
 def test_windows_in_steps_override_those_in_seconds() -> None:

@@ -71,7 +71,7 @@ def _resembling(joint: str, unused: Sequence[str], scene: Scene) -> str:
 def _remedy(wanted: str, series: Mapping[Key, Series], scene: Scene) -> str:
     """What to do besides mapping, where the log tells some joints: hold the others, or give the poses of the base.
 
-    Of a body alone whose place was logged and whose turn is ``wanted``, a single marker may be all there is.
+    Of a body alone of whose place something was logged, a single marker or a camera may be all there is.
     """
     single, floating = joints_of(scene)
     absent = [joint.name for joint in single if (joint.name, "position") not in series]
@@ -84,7 +84,8 @@ def _remedy(wanted: str, series: Mapping[Key, Series], scene: Scene) -> str:
     if not any(base.free for base in floating):
         return ""
     name, _, lacks = wanted.rpartition(".")
-    marker = lacks.startswith(TURN[0]) and (name, PLACE[0]) in series and _alone(name, floating, scene)
+    seen = any((name, axis) in series for axis in PLACE)
+    marker = seen and lacks.startswith((*PLACE, TURN[0])) and _alone(name, floating, scene)
     slides = ", or, of a marker that tells no turn, give the body three slides instead of a free joint"
     return f", or give a file of its poses by --base{slides if marker else ''}"
 
