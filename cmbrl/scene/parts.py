@@ -23,7 +23,7 @@ from cmbrl.scene.forces.tendons import lines_of, obstacle_of_tendons, read_tendo
 from cmbrl.scene.forces.ties import obstacle_of_ties, read_ties
 from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.records import Tendon, Tie, Tree
-from cmbrl.scene.reduction import PlaneOfMotion, find_plane, obstacle_to_plane, project
+from cmbrl.scene.reduction import PlaneOfMotion, find_plane, oblique_pyramid, obstacle_to_plane, project
 from cmbrl.scene.source.mjcf import name_of, read_tree
 from cmbrl.scene.source.robot_source import Compiled
 from cmbrl.scene.source.support import Gate
@@ -74,7 +74,8 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str, 
     ranges = force_ranges(model, gate)
     compensation = read_compensation(model, tree, gate)
     gate.close()
-    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, linkages, ties)):
+    pyramids = mujocos and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, pyramids, tendons, linkages, ties)):
         plane, why = None, obstacle
         again = Gate(gate.ignore, gate.file)
         contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
@@ -110,6 +111,7 @@ def _obstacle(
     tree: Tree,
     plane: PlaneOfMotion,
     candidates: list[Candidate],
+    pyramids: bool,
     tendons: list[Tendon],
     linkages: list[Linkage],
     ties: list[Tie],
@@ -129,4 +131,6 @@ def _obstacle(
         up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):
             return f"{reason} ({names})"
+        if pyramids and c.law.dim > 1 and oblique_pyramid(tree, plane, c, up):
+            return f"a pyramid of friction is oblique to the plane of motion ({names})"
     return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)

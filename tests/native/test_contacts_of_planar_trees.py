@@ -21,6 +21,7 @@ BOX = 'type="box" size=".06 .05 .045" euler="0 20 0"'
 CAPSULE = 'type="capsule" size=".04 .06" euler="90 0 0"'
 CYLINDER = 'type="cylinder" size=".05 .06" euler="90 0 0"'
 ELLIPSOID = 'type="ellipsoid" size=".08 .05 .05" euler="0 30 0"'
+OBLIQUE = 'type="capsule" size=".04" fromto="-.05 -.05 .01 .05 .05 0"'
 
 
 def written(world: str, geom: str, cone: str = "elliptic", yaw: float = 0, height: float = 0.5, more: str = "") -> str:
@@ -67,3 +68,30 @@ def test_what_touches_in_the_plane_as_in_mujoco_stays_there(below: str, geom: st
     text = written(TABLE.format(below), geom)
     assert Scene.from_mjcf(text).planar
     assert_falls_as_in_mujoco(text)
+
+
+@pytest.mark.parametrize(
+    ("world", "geom", "yaw", "planar"),
+    [
+        (FLOOR, 'size=".05"', 0, True),
+        (FLOOR, 'size=".05"', 90, True),
+        (FLOOR, 'size=".05"', 45, False),
+        (FLOOR, BOX, 0, True),
+        (FLOOR, CYLINDER, 90, True),
+        (FLOOR, CYLINDER, 30, False),
+        (FLOOR, CAPSULE, 45, True),  # across the plane of motion, as its pyramid is then
+        (FLOOR, OBLIQUE, 0, False),
+        (FLOOR, 'type="capsule" size=".04" fromto="-.05 0 .01 .05 0 0"', 45, True),  # in the plane, as its axis is
+        (TABLE.format(BOX), 'size=".05"', 0, True),
+        (TABLE.format('size=".1"'), 'size=".05"', 30, False),
+    ],
+)
+def test_pyramids_that_are_oblique_to_the_plane_need_space(world: str, geom: str, yaw: float, planar: bool) -> None:
+    """MuJoCo's tangents follow a capsule's axis or the world's; a round cone has none."""
+    text = written(world, geom, "pyramidal", yaw, 0.5 if "table" in world else 0.1)
+    scene = Scene.from_mjcf(text)
+    assert scene.planar == planar
+    assert planar or scene.planar_why.startswith("a pyramid of friction is oblique")
+    assert_falls_as_in_mujoco(text)
+    assert Scene.from_mjcf(text, contact_law="rigid").planar
+    assert Scene.from_mjcf(text.replace("pyramidal", "elliptic")).planar
