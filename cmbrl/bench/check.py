@@ -8,6 +8,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.bench.check_dynamics import dynamics
 from cmbrl.bench.check_line import Line
@@ -19,9 +20,12 @@ from cmbrl.bench.studies.robustness.cells import measure as measure_robustness
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.step_settings import RK4
 from cmbrl.scene import Scene
+from cmbrl.scene.records import Array
 from cmbrl.scene.source.mjcf import act_addresses
 
 STEP = 0.05  # the largest error of a step
+MANY = 20  # states with contact at least, to be judged by themselves
+THROWN = 1.0  # m/s, rad/s: of all coordinates, so that what no actuator moves slides and hits something, too
 
 
 def check(
@@ -49,7 +53,11 @@ def _all_steps(
 ) -> list[Line]:
     settings = mujocos(scene)
     models = [model, *([model.with_settings(**settings)] if settings else [])]
-    seen = {where: visit(scene, theirs, home, count, rng) for where, home in places(scene, theirs).items()}
+    homes = places(scene, theirs)
+    seen = {where: visit(scene, theirs, home, count, rng) for where, home in homes.items()}
+    if settings:  # other laws bounce in another way
+        where, home = list(homes.items())[-1]
+        seen[f"thrown {where}"] = visit(scene, theirs, home, count, rng, THROWN)
     return [line for where, states in seen.items() for line in _steps(scene, models, theirs, where, states)]
 
 
@@ -75,31 +83,52 @@ def _steps(
 ) -> list[Line]:
     """One step of the file's length from ``states`` against mj_step, under the default's laws and under MuJoCo's.
 
-    Where links touch in some of the states and not in others, another line is of those in which nothing touches. Where
-    an error is above the limit, one more says without what it would not be; of the default, which option takes it away.
+    Under MuJoCo's laws the median is judged, and what nine of ten states with contact stay below. Where links touch in
+    some of the states and not in others, another line is of those in which nothing touches. Where an error is above the
+    limit, one more says without what it would not be; of the default, which option takes it away.
     """
     found, apart = step_errors(models, theirs, states)
+    touching = ~apart if (~apart).sum() >= MANY else np.ones_like(apart)
     meaning = f"one step against mj_step from {len(apart)} states, root mean square of the change of velocity; median"
     if states.share < 1:
         meaning += f"; controls within {states.share:.0%} of their ranges, since MuJoCo diverges under stronger ones"
+    if states.speed:
+        meaning += f"; episodes begin with random velocities of {states.speed:g} m/s and rad/s"
     default, nearest, both = found[0], found[-1], len(models) > 1
     lines = [Line(f"step {where}", float(np.median(default)), None if both else STEP, meaning)]
     if both:
         rk4 = ", RK4" if scene.integrator == RK4 else ""
         meaning = f"the same under MuJoCo's laws: convex sliding, rows that do not look ahead{rk4}; above, the default"
         lines.append(Line(f"step {where}, convex", float(np.median(nearest)), STEP, meaning))
+        of = "states" if touching.all() else f"of the {touching.sum()} states in which something touches"
+        meaning = f"the same, what nine of ten {of} stay below; the other tenth may be worse"
+        rare = float(np.quantile(nearest[touching], 0.9))
+        lines.append(Line(f"step {where}, convex, 9 of 10", rare, STEP, meaning))
     if both and lines[0].value > STEP and (why := option(models[0], theirs, states, lines[0].value)):
         meaning = "the default, with this option of a model (or fit): it makes most of the difference"
         lines.insert(1, Line(f"step {where}, {why[0]}", why[1], None, meaning))
-    if not lines[-1].holds:
-        why = reason(scene, models[-1].sliding, theirs, states, lines[-1].value, STEP)
-        if why:
-            meaning = "the same, with this part of the file changed for both, or this option: it makes the difference"
-            lines.append(Line(f"step {where}, {why[0]}", why[1], None, meaning))
+    if not all(line.holds for line in lines) and (why := _reason(scene, models[-1], theirs, states, nearest, touching)):
+        meaning = "the same, with this part of the file changed for both, or this option: it makes the difference"
+        lines.append(Line(f"step {where}, {why[0]}", why[1], None, meaning))
     if apart.any() and not apart.all():
         meaning = f"the same, of the {apart.sum()} states in which nothing touches in MuJoCo"
         lines.append(Line(f"step {where}, apart", float(np.median(nearest[apart])), STEP, meaning))
     return lines
+
+
+def _reason(
+    scene: Scene,
+    model: ComplementarityModel,
+    theirs: mujoco.MjModel,
+    states: States,
+    errors: Array,
+    touching: NDArray[np.bool_],
+) -> tuple[str, float] | None:
+    """Without what the median error is within the limit; if it is anyway, that of the worst fifth of ``touching``."""
+    if np.median(errors) <= STEP:
+        worst = touching & (errors >= np.quantile(errors[touching], 0.8))
+        states, errors = states.chosen(worst), errors[worst]
+    return reason(scene, model.sliding, theirs, states, float(np.median(errors)), STEP)
 
 
 def _speed(scene: Scene, model: ComplementarityModel, theirs: mujoco.MjModel, rng: np.random.Generator) -> list[Line]:

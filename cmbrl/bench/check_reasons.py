@@ -23,6 +23,7 @@ from cmbrl.scene.source.mjcf import early
 STATES = 40  # at most
 GAIN = 0.8  # what is switched off must leave less than this share of the error
 _OFF = mujoco.mjtDisableBit
+_SEARCHED = (mujoco.mjtGeom.mjGEOM_CYLINDER, mujoco.mjtGeom.mjGEOM_ELLIPSOID, mujoco.mjtGeom.mjGEOM_MESH)
 
 
 @dataclass(frozen=True)
@@ -108,6 +109,8 @@ def _features(theirs: mujoco.MjModel) -> Iterator[Feature]:
         yield Feature("without the noslip pass", _no_noslip)
     if np.any(theirs.geom_type == mujoco.mjtGeom.mjGEOM_HFIELD):
         yield Feature("with a margin of 1 nm for MuJoCo's height fields", _margin)
+    if np.isin(theirs.geom_type, _SEARCHED).any():
+        yield Feature("with MuJoCo's contact search run to its end", _sharp)
     yield Feature("with links that pass through each other", _part_links)
     if theirs.jnt_limited.any() or theirs.tendon_limited.any():
         yield Feature("without limits", without(_OFF.mjDSBL_LIMIT))
@@ -135,6 +138,11 @@ def _to_the_end(model: mujoco.MjModel) -> None:
     model.opt.solver = mujoco.mjtSolver.mjSOL_NEWTON
     model.opt.iterations, model.opt.ls_iterations = 1000, 1000
     model.opt.tolerance, model.opt.ls_tolerance = 0.0, 1e-8
+
+
+def _sharp(model: mujoco.MjModel) -> None:
+    """Usually it ends with normals of round shapes up to 5 mrad off."""
+    model.opt.ccd_tolerance, model.opt.ccd_iterations = 1e-12, 1000
 
 
 def _no_noslip(model: mujoco.MjModel) -> None:

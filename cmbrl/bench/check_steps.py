@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.bench.on_fields import on_fields, settle
 from cmbrl.errors import UserError
@@ -28,16 +29,24 @@ _DIVERGED = (mujoco.mjtWarning.mjWARN_BADQPOS, mujoco.mjtWarning.mjWARN_BADQVEL,
 
 @dataclass(frozen=True)
 class States:
-    """Where steps start: q (B, nq), v (B, nv), u (B, nu and activations); controls took a share of their ranges."""
+    """Where steps start: q (B, nq), v (B, nv), u (B, nu and activations).
+
+    Controls took a share of their ranges, and episodes began with velocities of the size ``speed``.
+    """
 
     q: Array
     v: Array
     u: Array
     share: float = 1.0
+    speed: float = 0.0
 
     def first(self, count: int) -> States:
         """At most ``count`` of them."""
-        return States(self.q[:count], self.v[:count], self.u[:count], self.share)
+        return self.chosen(np.arange(len(self.q)) < count)
+
+    def chosen(self, rows: NDArray[np.bool_]) -> States:
+        """Those of a mask (B,)."""
+        return replace(self, q=self.q[rows], v=self.v[rows], u=self.u[rows])
 
 
 def mujocos(scene: Scene) -> dict[str, Any]:
@@ -76,9 +85,12 @@ def controls(theirs: mujoco.MjModel, count: int, rng: np.random.Generator, share
     return rest + share * (rng.uniform(low, high, (count, theirs.nu)) - rest)
 
 
-def visit(scene: Scene, theirs: mujoco.MjModel, home: Array, count: int, rng: np.random.Generator) -> States:
+def visit(
+    scene: Scene, theirs: mujoco.MjModel, home: Array, count: int, rng: np.random.Generator, speed: float = 0.0
+) -> States:
     """States of episodes of mj_step from ``home`` under random controls, at random steps.
 
+    Episodes begin at rest, or with random velocities of the size ``speed`` [m/s, rad/s].
     Of weaker controls where MuJoCo's own simulation diverges: motors of a URDF may be too strong for its light links.
     Raises UserError where it does under any.
     """
@@ -87,20 +99,29 @@ def visit(scene: Scene, theirs: mujoco.MjModel, home: Array, count: int, rng: np
         rows: list[tuple[Array, Array, Array]] = []
         for _ in range(EPISODES * count):
             with quiet():  # what diverges is tried again
-                rows += _episode(scene, theirs, data, home, rng, share)
+                rows += _episode(scene, theirs, data, home, rng, share, speed)
             if len(rows) >= count:
                 q, v, u = (np.array(column[:count]) for column in zip(*rows, strict=True))
-                return States(q, v, u, share)
+                return States(q, v, u, share, speed)
     raise UserError(f"{scene.name}: MuJoCo's simulation diverges under random controls: take a shorter timestep")
 
 
 def _episode(
-    scene: Scene, theirs: mujoco.MjModel, data: mujoco.MjData, home: Array, rng: np.random.Generator, share: float
+    scene: Scene,
+    theirs: mujoco.MjModel,
+    data: mujoco.MjData,
+    home: Array,
+    rng: np.random.Generator,
+    share: float,
+    speed: float,
 ) -> list[tuple[Array, Array, Array]]:
     """q, v and u of some steps of an episode; none if it diverges."""
     mujoco.mj_resetData(theirs, data)
     data.qpos[:] = home
     chosen, acts = rng.choice(EPISODE, PER_EPISODE, replace=False), act_addresses(theirs, scene.core.state_act)
+    if speed:
+        data.qvel[:] = speed * rng.normal(size=theirs.nv)
+        chosen[0] = 0  # what lies on something slides over it, before it is thrown off
     rows: list[tuple[Array, Array, Array]] = []
     for step in range(int(chosen.max()) + 1):
         if step % HOLD == 0:

@@ -21,8 +21,9 @@ from cmbrl.scene.forces.linkages import Linkage
 from cmbrl.scene.forces.springs import check_joints
 from cmbrl.scene.forces.tendons import lines_of, obstacle_of_tendons, read_tendons
 from cmbrl.scene.forces.ties import obstacle_of_ties, read_ties
+from cmbrl.scene.laws import LawChoice
 from cmbrl.scene.records import Tendon, Tie, Tree
-from cmbrl.scene.reduction import PlaneOfMotion, find_plane, obstacle_to_plane, project
+from cmbrl.scene.reduction import PlaneOfMotion, find_plane, oblique_pyramid, obstacle_to_plane, project
 from cmbrl.scene.source.mjcf import name_of, read_tree
 from cmbrl.scene.source.robot_source import Compiled
 from cmbrl.scene.source.support import Gate
@@ -50,7 +51,7 @@ class Parts:
     compensation: Compensation
 
 
-def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) -> Parts:
+def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str, law: LawChoice) -> Parts:
     """Reads all elements of the file; raises UserError for those that are not modelled and not ignored."""
     model = compiled.model
     check_joints(model, gate)
@@ -63,7 +64,8 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
     if plane and ellipsoids:
         plane, why = None, "the fluid lifts ellipsoids"
     normal = plane.axis if plane else None
-    contacts = ContactBuilder(model, tree, normal, gate, plane is not None, not reduce, self_contact)
+    mujocos = law.name == "mujoco"  # a model may take it as MuJoCo has it, or with round cones: one scene suits both
+    contacts = ContactBuilder(model, tree, normal, gate, plane is not None, mujocos, not reduce, self_contact)
     contacts.build()
     tendons = read_tendons(model, tree, gate)
     lines = lines_of(model, tendons)
@@ -72,7 +74,8 @@ def read_parts(compiled: Compiled, gate: Gate, reduce: bool, self_contact: str) 
     ranges = force_ranges(model, gate)
     compensation = read_compensation(model, tree, gate)
     gate.close()
-    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, tendons, linkages, ties)):
+    pyramids = mujocos and model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL
+    if plane and (obstacle := _obstacle(model, tree, plane, contacts.candidates, pyramids, tendons, linkages, ties)):
         plane, why = None, obstacle
         again = Gate(gate.ignore, gate.file)
         contacts = ContactBuilder(model, tree, normal, again, self_contact=self_contact)  # with rims
@@ -108,6 +111,7 @@ def _obstacle(
     tree: Tree,
     plane: PlaneOfMotion,
     candidates: list[Candidate],
+    pyramids: bool,
     tendons: list[Tendon],
     linkages: list[Linkage],
     ties: list[Tie],
@@ -121,10 +125,12 @@ def _obstacle(
             if moving[geom]:
                 return f"the surface of {name_of(model, 'geom', geom)} moves"
     for c in candidates:
+        names = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)
         if c.law.ratios != (1.0, 1.0):
-            names = " - ".join(name_of(model, "geom", geom) for geom in c.geoms)
             return f"friction has a direction ({names})"
         up = read_shape(model, c.geoms[1], tree.frames).rot[:, 2] if c.kind.on_plane else None
         if reason := obstacle_to_plane(tree, plane, c, up):
-            return f"{reason} ({name_of(model, 'geom', c.geoms[0])} - {name_of(model, 'geom', c.geoms[1])})"
+            return f"{reason} ({names})"
+        if pyramids and c.law.dim > 1 and oblique_pyramid(tree, plane, c, up):
+            return f"a pyramid of friction is oblique to the plane of motion ({names})"
     return obstacle_of_tendons(tree, plane, tendons) or obstacle_of_ties(tree, plane, ties)

@@ -118,6 +118,25 @@ def obstacle_to_plane(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up
     return None
 
 
+def oblique_pyramid(tree: Tree, plane: PlaneOfMotion, candidate: Candidate, up: Array | None) -> bool:
+    """Whether MuJoCo's tangents at a candidate, along which its pyramid lies, are neither in the plane nor across it.
+
+    The first is made of a capsule's axis, or of the world's y, or of its z where the normal is near y.
+    """
+    if np.any(candidate.along):
+        return _is_oblique(tree.turn(candidate.body_a, candidate.along), plane.axis)
+    _, y, z = np.eye(3)
+    if up is None:  # the normal turns
+        return _is_oblique(y, plane.axis) or _is_oblique(z, plane.axis)
+    first = y if abs(up[1]) < 0.5 else z
+    first = first - (first @ up) * up
+    return _is_oblique(first / np.linalg.norm(first), plane.axis)
+
+
+def _is_oblique(direction: Array, axis: Array) -> bool:
+    return _ALIGNED < abs(float(direction @ axis)) < 1 - _ALIGNED
+
+
 def _side_by_side(tree: Tree, axis: Array, corner: Candidate) -> bool:
     """Whether two boxes overlap along ``axis`` by less than half of the thinner: MuJoCo then parts them along it."""
     half_a = np.abs(corner.rot_a.T @ corner.axis_a)

@@ -123,7 +123,7 @@ class Scene:
         compiled = replace(compiled, model=driven_model(compiled.model, drives, compiled.label))
         check_model(compiled.model, gate)
         check_solrefs(compiled.model, gate)
-        parts = read_parts(compiled, gate, reduce, self_contact)
+        parts = read_parts(compiled, gate, reduce, self_contact, law)
         fields = scene_fields(compiled, gate, parts, law)
         return cls(contact_law=str(law), reduce=reduce, self_contact=self_contact, drives=drives, **fields)
 

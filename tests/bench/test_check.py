@@ -123,6 +123,39 @@ def test_a_gripper_of_slides_is_checked() -> None:
     assert all(line.holds for name, line in lines.items() if not name.startswith("time"))
 
 
+def test_friction_of_what_no_actuator_moves_shows() -> None:
+    """A puck lies still from the home pose, whatever its friction; thrown, it slides."""
+    text = """<mujoco><option cone="elliptic"/><worldbody><geom type="plane" size="5 5 .1"/>
+<body pos="0 0 .02"><freejoint/><geom type="box" size=".1 .1 .02"/></body></worldbody></mujoco>"""
+    theirs = mujoco.MjModel.from_xml_string(text)
+    theirs.geom_friction *= 2
+    lines = {line.name: line for line in check(Scene.from_mjcf(text), theirs, 60, 0, only="steps")}
+    assert lines["step on the floor, convex, 9 of 10"].holds
+    assert not lines["step thrown on the floor, convex, 9 of 10"].holds
+    assert all(line.holds for name, line in steps_of(text).items() if "convex" in name)
+
+
+def test_contacts_that_are_rare_show() -> None:
+    """A ball that flies between two walls, softer ones in MuJoCo, and meets them in less than half of the states."""
+    wall = '<geom type="box" size=".1 .1 .1" pos="{} 0 0"/>'
+    text = f"""<mujoco><worldbody>{wall.format(0.3)}{wall.format(-0.3)}<body><joint type="slide" axis="1 0 0"/>
+<geom size=".1"/></body></worldbody></mujoco>"""
+    theirs = mujoco.MjModel.from_xml_string(text)
+    theirs.geom_solref[:, 0] = 0.1
+    lines = {line.name: line for line in check(Scene.from_mjcf(text), theirs, 100, 0, only="steps")}
+    assert lines["step thrown in place, convex"].holds
+    rare = lines["step thrown in place, convex, 9 of 10"]
+    assert not rare.holds
+    assert "states in which something touches" in rare.meaning
+    assert lines["step thrown in place, with links that pass through each other"].value < 1e-6
+
+
+def test_laws_that_are_not_mujocos_are_not_thrown() -> None:
+    """They bounce in another way, as they should."""
+    scene, theirs = Scene.from_mjcf(PUSHED, contact_law="rigid"), mujoco.MjModel.from_xml_string(PUSHED)
+    assert not any("thrown" in line.name or "convex" in line.name for line in check(scene, theirs, 10, 0, only="steps"))
+
+
 def test_one_part_alone() -> None:
     """Every part that the command offers; together they are the whole."""
     scene, theirs = Scene.from_mjcf(ARM), mujoco.MjModel.from_xml_string(ARM)
@@ -164,6 +197,18 @@ def test_a_solver_that_stops_early_is_named(options: str) -> None:
     lines = steps_of(text)
     assert lines["step on the floor, convex"].value > 0.05
     assert lines["step on the floor, with MuJoCo's solver run to its end"].value < 1e-6
+
+
+def test_a_search_for_contacts_that_stops_early_is_named() -> None:
+    """At MuJoCo's usual tolerance the normals of round shapes are off; here it matters in the worst of few states."""
+    text = """<mujoco><worldbody><geom type="ellipsoid" size=".05 .1 .1" pos=".32 0 .4"/>
+<body pos="0 0 .5"><joint axis="0 1 0"/>
+<geom type="capsule" fromto="0 0 0 .2 0 0" size=".02" contype="0" conaffinity="0"/>
+<geom type="ellipsoid" size=".08 .03 .04" euler="0 30 20" pos=".25 0 0"/></body></worldbody></mujoco>"""
+    scene, theirs = Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text)
+    lines = {line.name: line for line in check(scene, theirs, 200, 0, only="steps")}
+    assert not lines["step in place, convex, 9 of 10"].holds
+    assert lines["step in place, with MuJoCo's contact search run to its end"].value < 1e-3
 
 
 def test_limits_that_are_meant_as_none_do_not_spoil_the_differences() -> None:

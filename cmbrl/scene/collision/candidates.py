@@ -40,17 +40,15 @@ def between(a: Shape, b: Shape, law: ContactLaw, across: Array | None, when: Whe
     return _round_box(ball, box, law, across, when)
 
 
-def of_hulls(a: Shape, b: Shape, law: ContactLaw, spatial: bool) -> list[Candidate]:
+def of_hulls(a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
     """What touches as in MuJoCo where rows do not look ahead: all but spheres and capsules among themselves, and
     spheres with boxes.
 
-    Only gaps that are closed, or within margin and gap, are seen. Of two boxes in space, edges that cross wherever
-    they are: corners alone would let them through each other.
+    Only gaps that are closed, or within margin and gap, are seen. Of two boxes, edges that cross wherever they are:
+    corners alone would let them through each other.
     """
     kinds, boxes = {a.kind, b.kind}, a.kind == b.kind == "box"
     if not kinds <= {*CONVEX} or kinds <= {*ROUND} or kinds == {"sphere", "box"}:
-        return []
-    if not spatial and kinds != {"mesh"} and kinds != {"mesh", "box"}:
         return []
     if not (a.sides and b.sides) or a.rounding or b.rounding:
         return []

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.collision.candidates import ROUND, between, of_field, of_hulls, on_plane
-from cmbrl.scene.collision.contact_records import Candidate, When
+from cmbrl.scene.collision.contact_records import Candidate, ContactLaw, When
 from cmbrl.scene.collision.height_fields import most_touches, read_field
 from cmbrl.scene.collision.mixing import collision_pairs, pair_label
 from cmbrl.scene.collision.near import false_pairs, near_pairs
@@ -40,6 +40,7 @@ class ContactBuilder:
         normal: Array | None,
         gate: Gate,
         outlines: bool = False,
+        hulls: bool = True,
         keep_far: bool = False,
         self_contact: str = "near",
     ) -> None:
@@ -47,11 +48,12 @@ class ContactBuilder:
         Args:
             normal: (3,) unit normal of the plane of motion; None for a spatial tree.
             outlines: contacts are planar too, so a cylinder becomes its outline in the plane of motion.
+            hulls: rows may act as MuJoCo's, once they are closed; there convex shapes touch as they are.
             keep_far: keep candidates that can never touch, if their shapes are supported.
             self_contact: between bodies of one tree: "near" (where they come near in random poses), "all" or "none".
         """
         self.model, self.tree, self.normal, self.gate = model, tree, normal, gate
-        self.outlines, self.keep_far, self.self_contact = outlines, keep_far, self_contact
+        self.outlines, self.hulls, self.keep_far, self.self_contact = outlines, hulls, keep_far, self_contact
         self.candidates: list[Candidate] = []
         self.dropped: list[LeftOut] = []
         self.stand_ins: dict[int, StandIn] = {}  #: of geoms that touch as something else
@@ -84,7 +86,7 @@ class ContactBuilder:
                 else:
                     self._drop(a, b, _FAR[self.self_contact])
             elif (first, second) in false:
-                hulls = of_hulls(a, b, self._surfaces.law(a.geom, b.geom, pair), self.normal is None)
+                hulls = self._of_hulls(a, b, self._surfaces.law(a.geom, b.geom, pair))
                 self.candidates += hulls
                 self._drop(a, b, f"{'where rows look ahead: ' if hulls else ''}{_FALSE}")
             else:
@@ -127,6 +129,11 @@ class ContactBuilder:
     def _one_tree(self, first: int, second: int) -> bool:
         """Whether joints connect both geoms, which move."""
         return self._roots[first] == self._roots[second] != 0
+
+    def _of_hulls(self, a: Shape, b: Shape, law: ContactLaw) -> list[Candidate]:
+        """What touches as in MuJoCo where rows do not look ahead. In the plane of motion, what needs space for that."""
+        flat = self.outlines and (not self.hulls or {a.kind, b.kind} <= {*OWN})  # own contacts are MuJoCo's there
+        return [] if flat else of_hulls(a, b, law)
 
     def _across(self, body: int) -> Array | None:
         """Where contacts are planar, the normal (3,) of the plane of motion in the frame of ``body``."""
@@ -226,7 +233,7 @@ class ContactBuilder:
             label = pair_label(self.model, a.geom, b.geom)
             self.gate.refuse("geom_pair", label, f"contact of a {a.kind} with a {b.kind}")
             return
-        hulls = of_hulls(a, b, law, self.normal is None)
+        hulls = self._of_hulls(a, b, law)
         first, second = self._simple(a), self._simple(b)
         box = next((shape for shape in (first, second) if shape.kind == "box"), None)
         when = When.AHEAD if hulls else When.ALWAYS
