@@ -5,10 +5,11 @@
     .venv/bin/cmbrl error nominal runs/a1/fit --data runs/a1/unseen.npz --open-loop --restart 1
 
 With other controllers and sensors, by one option or more: commands a step late, every eighth row alone, encoders that
-tell every fifth row of log.npz, servos that damp what their velocity lacks of the target's, a base that leans by three
-degrees:
+tell every fifth row of log.npz, servos that damp what their velocity lacks of the target's, servos that integrate what
+they are off with a gain of 2 /s times that of the position, a base that leans by three degrees:
 
     ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --late 0.002 --every 8 --slow 5 --lead --tilt 3
+    ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --integral 2
 
 Masses, payload, gains, damping, friction and armatures are drawn, and commands act 6 ms late. Logs of 16 and 8 s have
 what encoders tell, with noise of 0.3 mrad and 0.03 mm, and commands, at about 200 Hz; no velocities. Motors without
@@ -112,8 +113,13 @@ def targets(model: mujoco.MjModel, time: np.ndarray, rng: np.random.Generator) -
     return found
 
 
-def record(model: mujoco.MjModel, seconds: float, seed: int, lateness: float = LATE, lead: bool = False) -> PositionLog:
-    """What encoders tell of a motion, after the robot has settled; ``lead``: servos get their target's rate as well."""
+def record(
+    model: mujoco.MjModel, seconds: float, seed: int, lateness: float = LATE, lead: bool = False, integral: float = 0.0
+) -> PositionLog:
+    """What encoders tell of a motion, after the robot has settled; ``lead``: servos get their target's rate as well.
+
+    ``integral`` [1/s]: servos add so much of what they have been off so far to their target.
+    """
     data, h = mujoco.MjData(model), model.opt.timestep
     every = max(1, round(1 / RATE / h))
     time = every * h * np.arange(int(seconds / (every * h)))
@@ -122,8 +128,11 @@ def record(model: mujoco.MjModel, seconds: float, seed: int, lateness: float = L
     if motor.any() and not motor.all():
         raise SystemExit("hung: some actuators are servos, and some are motors: give a file with one kind")
     joint, (kp, kd) = model.actuator_trnid[:, 0], gains(model)
+    off = np.zeros(model.nu)
 
     def act(goal: np.ndarray) -> None:
+        off[:] += integral * h * (goal - data.qpos[model.jnt_qposadr[joint]])
+        goal = goal + off
         force = kp * (goal - data.qpos[model.jnt_qposadr[joint]]) - kd * data.qvel[model.jnt_dofadr[joint]]
         control = np.where(motor, force / model.actuator_gear[:, 0], goal)
         limited = motor & model.actuator_ctrllimited.astype(bool)
@@ -161,6 +170,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="keep every so many rows (default 1)")
     parser.add_argument("--slow", type=int, default=1, help="rows of log.npz from one reading to the next (default 1)")
     parser.add_argument("--lead", action="store_true", help="servos damp what the velocity lacks of the target's rate")
+    parser.add_argument("--integral", type=float, default=0.0, help="ki / kp of servos [1/s] (default 0)")
     parser.add_argument("--tilt", type=float, default=0.0, metavar="DEGREES", help="of the base (default 0)")
     told = parser.parse_args()
     if not told.file.is_file():
@@ -173,7 +183,7 @@ def main() -> None:
     hide(model, np.random.default_rng(told.seed))
     lean(model, told.tilt)
     for seconds, seed, name in zip(SECONDS, SEEDS, LOGS, strict=True):
-        log = record(model, seconds, seed, told.late, told.lead)
+        log = record(model, seconds, seed, told.late, told.lead, told.integral)
         if name == LOGS[0]:
             log = replace(log, position=log.position[np.arange(len(log)) // told.slow * told.slow])
         log.select(slice(None, None, told.every)).save(folder / name)
