@@ -150,10 +150,10 @@ def _series(
         first = first if first[0] else (columns, targets)
         episodes = [
             {key: one.earlier(late) if one.kind == "held" else one for key, one in series.items()}
-            for series in series_of(recording, targets, options.rate, scene, counts)
+            for series in series_of(recording, targets, options.rate, scene, options.frames, counts)
         ]
         if pose:
-            captures = list(series_of(pose, targets, None, scene, counts))
+            captures = list(series_of(pose, targets, None, scene, options.frames, counts))
             if len(captures) != len(episodes):
                 raise UserError(
                     f"{pose.where}: {len(captures)} episodes, {recording.where} has {len(episodes)}: give as many"
