@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -37,20 +37,32 @@ def common_source(
 ) -> Source:
     """The scene to compare in: ``scene``, or that of the first fit among ``words``, without play that the fit added.
 
+    Files step as the first fit does and take its laws of contact, so that one table compares parameters; not where
+    ``scene`` is a task, which has its own, nor under another ``contact_law``.
+
     Raises UserError on a word that is neither built in nor the folder of a model, and when there is no scene.
     """
-    from cmbrl.models.named import check_name, holds_fit, in_own_file, load_complementarity
+    from cmbrl.models.named import check_name
 
     for word in words:
-        if not _is_file(word):
+        if not is_file(word):
             check_name(word, BUILT_IN)
-    if scene is not None:
-        return load_source(scene, ignore, contact_law, self_contact)
-    for word in words:
-        if holds_fit(word):
-            fitted = in_own_file(load_complementarity(word), word)
-            return Source(word, fitted.scene, task=_task_of(word), fitted=fitted)
-    raise UserError("no scene: give --scene SCENE|TASK, or name the folder of a fit among the models")
+    if scene is None:
+        if (found := _first_fit(words)) is None:
+            raise UserError("no scene: give --scene SCENE|TASK, or name the folder of a fit among the models")
+        word, fitted = found
+        return Source(word, fitted.scene, task=_task_of(word), fitted=fitted)
+    source = load_source(scene, ignore, contact_law, self_contact)
+    if source.task is None and (found := _first_fit(words)) and found[1].scene.contact_law == source.scene.contact_law:
+        return replace(source, fitted=found[1])
+    return source
+
+
+def _first_fit(words: Sequence[str]) -> tuple[str, ComplementarityModel] | None:
+    from cmbrl.models.named import holds_fit, in_own_file, load_complementarity
+
+    word = next(filter(holds_fit, words), None)
+    return (word, in_own_file(load_complementarity(word), word)) if word is not None else None
 
 
 def build_models(
@@ -58,10 +70,9 @@ def build_models(
 ) -> dict[str, Any]:
     """Name -> model, in the order of ``words``; the "ensemble" is still to be trained.
 
-    ``sliding``: of models that are not saved ones; None: that of the source.
-
-    A fit takes the control steps of ``data``. Raises UserError when the model of a folder or a file is of another
-    robot, and where a net was trained for another step.
+    ``sliding``: of models that are not saved ones; None: that of the source. A fit takes the control steps of
+    ``data``. Raises UserError when the model of a folder or a file is of another robot, and where a net was trained for
+    another step.
     """
     from cmbrl.models.baselines import Ballistic, HoldVelocity
     from cmbrl.models.ensemble import NeuralEnsemble
@@ -75,24 +86,9 @@ def build_models(
     }
     for word in words:
         if word not in make:
-            load = partial(_of_file, word, source, sliding) if _is_file(word) else partial(_loaded, word, scene)
+            load = partial(_of_file, word, source, sliding) if is_file(word) else partial(_loaded, word, scene)
             make[word] = partial(load, data, threads)
-    return {_label(word, words): make[word]() for word in words}
-
-
-def notes_on_laws(models: Mapping[str, Any], words: Sequence[str]) -> list[str]:
-    """A line where a file's model slides by a law that is not MuJoCo's: it may look worse than the file is."""
-    from cmbrl.models.complementarity import ComplementarityModel
-
-    names = [_label(word, words) for word in words if word == NOMINAL or _is_file(word)]
-    told = [name for name in names if isinstance(one := models[name], ComplementarityModel) and _slides_apart(one)]
-    if not told:
-        return []
-    return [f"{', '.join(told)}: slides by exact Coulomb; if MuJoCo made the log, give it that law by --sliding convex"]
-
-
-def _slides_apart(model: ComplementarityModel) -> bool:
-    return model.sliding == "coulomb" and model.scene.contact_law == "mujoco" and bool(len(model.scene.contact_names))
+    return {label(word, words): make[word]() for word in words}
 
 
 def train_ensemble(
@@ -136,7 +132,7 @@ def _task_of(folder: str) -> Task | None:
     return load_task(word) if word is not None and is_task(word) else None
 
 
-def _label(word: str, words: Sequence[str]) -> str:
+def label(word: str, words: Sequence[str]) -> str:
     """The last name of a folder, or of a file without its suffix, if no other word has the same; else the word."""
     name = _last_name(word)
     unique = sum(_last_name(other) == name for other in words) == 1 and (name not in BUILT_IN or word == name)
@@ -144,20 +140,20 @@ def _label(word: str, words: Sequence[str]) -> str:
 
 
 def _last_name(word: str) -> str:
-    return Path(word).stem if _is_file(word) else Path(word).name
+    return Path(word).stem if is_file(word) else Path(word).name
 
 
-def _is_file(word: str) -> bool:
+def is_file(word: str) -> bool:
     return Path(word).suffix.lower() in (".xml", ".mjcf", ".urdf")
 
 
 def _of_file(path: str, source: Source, sliding: str | None, data: Transitions, threads: int) -> Model:
-    """The model of another MJCF of the same robot, not fitted, with the time stepping of ``source``."""
+    """The model of another MJCF of the same robot, not fitted, with the laws and the time stepping of ``source``."""
     scene = load_source(path, source.scene.ignore, source.scene.contact_law, source.scene.self_contact).scene
     have, need = ((s.nq, s.nv, s.nu) for s in (scene, source.scene))
     if have != need:
         raise UserError(f"{path}: another robot: nq, nv, nu are {have}, the log has {need}")
-    return replace(source, word=path, scene=scene, fitted=None).model(data, threads=threads, sliding=sliding)
+    return replace(source, word=path, scene=scene).model(data, threads=threads, sliding=sliding)
 
 
 def _loaded(folder: str, scene: Scene, data: Transitions, threads: int) -> Model:

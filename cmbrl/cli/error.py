@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, notes_on_laws, train_ensemble
+from cmbrl.accuracy.named_models import BUILT_IN, ENSEMBLE, build_models, common_source, train_ensemble
 from cmbrl.cli.argument_types import number, positive, positive_number
 from cmbrl.cli.options import add_json, add_scene_options, add_seed, add_sliding, add_threads, add_trust
 from cmbrl.cli.parser import resolved
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="+",
         help=f"{', '.join(BUILT_IN)} (hold: constant velocity; ballistic: no contact; nominal: the MJCF unchanged; "
         "ensemble: neural, trained on --train), the folder of a fit or a saved ensemble, or FILE.xml, another MJCF of "
-        "the robot",
+        "the robot. nominal and files take laws of contact and time steps of the first fit, or of a task in --scene",
     )
     parser.add_argument(
         "--data",
@@ -83,7 +83,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="DIR", help="write table, JSON, plot and the trained ensemble there")
     add_trust(parser)
     add_scene_options(parser)
-    add_sliding(parser, "of nominal and of files: the task's, else coulomb; of fits: their own")
+    add_sliding(
+        parser,
+        "of nominal and of files: that of the task in --scene or of the first fit, else coulomb; of fits: their own",
+    )
     add_threads(parser)
     add_seed(parser)
     add_json(parser)
@@ -102,14 +105,17 @@ def run(arguments: argparse.Namespace) -> None:
     source, data, time, logs, measured = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
     models = build_models(words, source, data, arguments.threads or usable_cores(), arguments.sliding)
-    notes = [] if arguments.sliding else notes_on_laws(models, words)
+    from cmbrl.accuracy.compare import compare
+    from cmbrl.accuracy.laws import laws_told
+
+    laws = laws_told(models, words, doubt=arguments.sliding is None)
+    notes: list[str] = []
     if ENSEMBLE in words:
         log = load_log(arguments.train, source.scene)
         with fraction(f"train ensemble on {len(log)} transitions") as progress:
             note = train_ensemble(models[ENSEMBLE], log, arguments.seed, arguments.train_seconds, progress)
         notes.append(f"ensemble: {arguments.train}: {note}")
 
-    from cmbrl.accuracy.compare import compare
     from cmbrl.accuracy.open_loop import OpenLoop, simulate
     from cmbrl.accuracy.plots import plot, plot_open_loop
     from cmbrl.fitting.outcome.report_text import left_out_lines
@@ -122,8 +128,8 @@ def run(arguments: argparse.Namespace) -> None:
         else:
             table = compare(models, data, source.scene, arguments.horizons, gap, progress=progress, logs=logs)
     notes += left_out_lines((e.kind, e.name, e.why) for e in source.scene.left_out)
-    text = "\n".join([table.text(), *notes]).rstrip("\n")
-    result = {**table.to_json(), "notes": notes}
+    text = "\n".join([*laws, table.text(), *notes]).rstrip("\n")
+    result = {**table.to_json(), "notes": [*laws, *notes]}
     if arguments.out:
         out = write_run(arguments.out, "error", resolved(arguments))
         write_text(out / "error.txt", text + "\n")

@@ -24,7 +24,7 @@ POSITIONS_ONLY = "a log of positions without velocities: `fit` reads it, `error`
 
 @dataclass(frozen=True)
 class Source:
-    """A scene, and the task or the fitted model that defines its time stepping, if it came from one."""
+    """A scene, and the task or the fitted model that defines its time stepping and laws of contact, if there is one."""
 
     word: str
     scene: Scene
@@ -44,7 +44,14 @@ class Source:
 
         chosen = {name: value for name, value in options.items() if value is not None}
         if self.fitted is not None:
-            own = {"parameters": self.scene.parameter_vector(), "candidates": None, "observation": None}
+            own = {
+                "scene": self.scene,
+                "parameters": self.scene.parameter_vector(),
+                "candidates": None,
+                "observation": None,
+            }
+            if chosen.get("sliding", self.fitted.sliding) != self.fitted.sliding:
+                own["look_ahead"] = None  # goes with the law
             model = self.fitted.with_settings(**{**own, **chosen})
             if data is None or abs(model.dt - data.dt) <= TIME_STEP_TOLERANCE * data.dt:
                 return model

@@ -11,7 +11,8 @@ import torch
 
 from cmbrl import Scene, Transitions, UserError
 from cmbrl.accuracy.compare import compare
-from cmbrl.accuracy.named_models import build_models, notes_on_laws
+from cmbrl.accuracy.laws import laws_told
+from cmbrl.accuracy.named_models import build_models, common_source
 from cmbrl.accuracy.plots import plot
 from cmbrl.models.baselines import Ballistic, HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
@@ -199,15 +200,43 @@ def test_refusals(cube: Scene) -> None:
         compare({"hold": HoldVelocity(cube, DT)}, still, cube)
 
 
-def test_a_file_under_another_law_than_mujocos_is_told(cube: Scene) -> None:
+def test_every_law_is_told(cube: Scene) -> None:
     file = ComplementarityModel(cube)
-    told = notes_on_laws({"hold": HoldVelocity(cube, 0.01), "nominal": file}, ["hold", "nominal"])
-    assert len(told) == 1
-    assert told[0].startswith("nominal: slides by exact Coulomb")
-    assert "--sliding convex" in told[0]
+    ms = 1e3 * file.time_step
+    law, doubt = laws_told({"hold": HoldVelocity(cube, 0.01), "nominal": file}, ["hold", "nominal"])
+    assert law == f"law of sliding: exact Coulomb, time step {ms:g} ms: nominal"
+    assert doubt.startswith("nominal: if MuJoCo made the log")
+    assert "--sliding convex" in doubt
+    assert laws_told({"nominal": file}, ["nominal"], doubt=False) == [law]
     convex = {"nominal": file.with_settings(sliding="convex")}
-    assert notes_on_laws(convex, ["nominal"]) == []
-    assert notes_on_laws({"runs/fit": file}, ["runs/fit"]) == []  # a fit's law is its own choice
+    assert laws_told(convex, ["nominal"]) == [f"law of sliding: MuJoCo's convex law, time step {ms:g} ms: nominal"]
+    both = laws_told({"fit": file, **convex}, ["runs/fit", "nominal"])  # a fit's law is its own choice
+    assert [line.rpartition(": ")[2] for line in both] == ["fit", "nominal"]
+
+
+def test_files_step_and_slide_as_the_first_fit_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, dt in (("puck", 0.004), ("other", 0.001)):
+        (tmp_path / f"{name}.xml").write_text(
+            CUBE.replace("<worldbody>", f'<option timestep="{dt}"/><worldbody>'), encoding="utf-8"
+        )
+    own = load_source(str(tmp_path / "puck.xml")).scene
+    fit = ComplementarityModel(own, substeps=5, time_step=0.002, sliding="convex")
+    fit = ComplementarityModel.from_config(own, fit.to_config())  # as it is loaded
+    monkeypatch.setattr("cmbrl.models.named.saved_model", lambda *_, **__: fit)
+    monkeypatch.setattr("cmbrl.models.named.load_complementarity", lambda *_: fit)
+    monkeypatch.setattr("cmbrl.models.named.in_own_file", lambda found, _: found)
+    monkeypatch.setattr("cmbrl.models.named.task_of_fit", lambda _: None)
+    monkeypatch.setattr("cmbrl.models.named.holds_fit", lambda word: word == str(tmp_path))
+    words = [str(tmp_path), "nominal", str(tmp_path / "other.xml")]
+    log = tosses(own)
+    for scene in (None, str(tmp_path / "puck.xml")):
+        found = build_models(words, common_source(words, scene), log, 1)
+        assert {(one.sliding, one.look_ahead, one.time_step) for one in found.values()} == {("convex", False, 0.002)}
+        assert found["other"].scene.name == "other"
+    given = build_models(words, common_source(words), log, 1, sliding="coulomb")
+    assert [(one.sliding, one.look_ahead) for one in given.values()] == [("convex", False), *[("coulomb", True)] * 2]
+    under = common_source(words, str(tmp_path / "puck.xml"), contact_law="rigid")
+    assert build_models(words[1:], under, log, 1)["nominal"].sliding == "coulomb"
 
 
 @pytest.mark.parametrize("dt", [0.0334628, 0.01])

@@ -182,7 +182,10 @@ def test_a_noisy_log_is_fitted_without_bias(carts, noisy):
 
 def test_advice_names_a_setting_that_is_clearly_better():
     assert advice([{"setting": "integrator midpoint", "relative_error": 0.95}]) is None
-    assert "integrator midpoint left 0.30" in advice([{"setting": "integrator midpoint", "relative_error": 0.3}])
+    better = [{"setting": "integrator midpoint", "relative_error": 0.3}]
+    assert "integrator midpoint left 0.30" in advice(better)
+    assert "integrator midpoint left 0.30" in advice(better, {"taken": False})
+    assert advice(better, {"taken": True}) is None  # another law did more, with parameters that moved
 
 
 def test_a_window_that_blows_up_does_not_end_the_fit() -> None:

@@ -187,6 +187,7 @@ def test_residuals_show_gaps_that_matter_and_no_strokes_out_of_the_picture(gap: 
 
 
 OF_MANY = {"data": {"transitions": 1000}}
+HARDLY = {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.1}}
 
 
 @pytest.mark.parametrize(
@@ -198,7 +199,8 @@ OF_MANY = {"data": {"transitions": 1000}}
         ({"fitted": []}, "Nothing was fitted: the file explains the log as well."),
         ({"fitted": [], "stopped": "interrupted"}, "Nothing was fitted: no parameter had moved yet."),
         ({"loss": {}}, "has not been judged"),
-        ({"stopped": "time limit"}, "Stopped early (time limit). "),
+        ({"stopped": "time limit"}, "instead of 0.2). Stopped early (time limit)."),
+        ({"stopped": "time limit", "loss": HARDLY}, "Stopped early (time limit). The fit predicts"),
         ({"loss": {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.3}}}, "worse than the file"),
         ({"loss": {"held out, nominal": {"rmse": 0.2}, "held out, fitted": {"rmse": 0.199}}}, "about as well as the"),
         ({"set": ["mass.a"]}, "10 times better than the start (--set) (an error"),
@@ -215,8 +217,8 @@ def test_the_verdict(change: dict, words: str) -> None:
     ("short", "far", "words"),
     [
         ((0.37, 0.1), (0.7, 0.02), "3.7 times better than the file (an error over 5 steps of 0.1 instead of 0.37 devi"),
-        ((0.37, 0.1), (0.7, 0.02), " deviations of the change), 35 times over 99"),
-        ((0.1, 0.0995), (0.7, 0.02), "), 35 times over 99 (0.02 instead of 0.7 deviations of the states)."),
+        ((0.37, 0.1), (0.7, 0.02), " deviations of the change), 35 times over 99 steps: "),
+        ((0.1, 0.0995), (0.7, 0.02), "), 35 times over 99 steps: 0.02 instead of 0.7 deviations of the states."),
         ((0.37, 0.1), (1e300, 0.02), "change); over 99 steps it errs by 0.02 instead of 1e+300 deviations of the"),
         ((0.37, 0.1), (8.0, 2.0), "; over 99 steps it errs by 2 instead of 8 deviations of the states. Over 99"),
     ],
@@ -243,7 +245,7 @@ def test_errors_of_a_horizon_are_those_of_the_table() -> None:
     told = {"loss": loss, "fitted": ["mass.a"], "horizon": 20, "stopped": None, "at_bound": [], "horizons": rows}
     assert first_line({**told, **OF_MANY}) == (
         "The fit predicts unseen seconds 2.12 times better than the file (an error over 20 steps of 0.26 instead of "
-        "0.55), 2.99 times over 100 (0.107 instead of 0.32)."
+        "0.55), 2.99 times over 100 steps: 0.107 instead of 0.32."
     )
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 9.0}} for row in rows]
     assert (

@@ -13,6 +13,7 @@ from cmbrl import ComplementarityModel, Scene, Transitions, fit
 from cmbrl.fitting import Budget
 from cmbrl.fitting.fitted_parameter import FittedParameter
 from cmbrl.fitting.outcome.report_text import render
+from cmbrl.scene.info.inventory import moving_pairs
 
 ROW = {"rmse": 0.1, "loss": 0.2, "failures": 0}
 REPORT: dict[str, Any] = {
@@ -50,6 +51,23 @@ def test_a_table_names_the_start_where_it_was_set() -> None:
     moved = {"mass.a": FittedParameter(1.2, 1.1, 1.3, 1.0, "fitted", "1")}
     assert "95 % interval nominal status" in told(moved)
     assert "95 % interval start status" in told(moved, set=["mass.a"])
+
+
+def test_pairs_are_named() -> None:
+    moved = {"friction.pairs": FittedParameter(0.4, 0.3, 0.5, 0.5, "fitted", "1")}
+    text = told(moved, pairs=["ball-box", "ball-lid"])
+    assert "fitted 1 pairs: all contacts between moving bodies, ball-box, ball-lid" in text
+    many = told(moved, pairs=[f"a-b{k}" for k in range(20)])
+    assert "a-b7 and 12 more" in many
+    assert "all contacts between" not in told({"friction.ball": moved["friction.pairs"]}, pairs=["ball-box"])
+    assert "all contacts between" not in told(moved)  # as fits of earlier versions
+
+
+def test_pairs_are_those_of_moving_bodies() -> None:
+    bodies = "".join(f'<body pos="{k} 0 1"><freejoint/><geom name="{k}" size=".1"/></body>' for k in "123")
+    floor = '<geom name="floor" type="plane" size="9 9 1"/>'
+    scene = Scene.from_mjcf(f"<mujoco><worldbody>{floor}{bodies}</worldbody></mujoco>")
+    assert moving_pairs(scene) == ["1-2", "1-3", "2-3"]
 
 
 def test_what_is_zero_but_for_rounding_is_shown_as_zero() -> None:

@@ -128,13 +128,13 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     assert "; 3 transitions tell little: record more." in first_line(few)
     assert "tell little" not in first_line(report)
     far = report["horizons"][-1]["rmse"]
-    assert f" times over 20 ({far['fitted']:.3g} instead of {far['nominal']:.3g})" in first_line(report)
+    assert f" times over 20 steps (0.4 s): {far['fitted']:.3g} instead of {far['nominal']:.3g}" in first_line(report)
     beyond = [
         *report["horizons"],
         {**report["horizons"][-1], "steps": 100, "rmse": {"hold": 7, "nominal": 9, "fitted": 6}},
     ]
     assert first_line({**report, "horizons": beyond}).endswith(
-        "Over 100 steps it is off by more than the states vary: use it for less."
+        "Over 100 steps (2 s) it is off by more than the states vary: use it for less."
     )
     little = {**beyond[0], "rmse": {**beyond[0]["rmse"], "fitted": 1.1 * beyond[0]["rmse"]["nominal"]}}
     assert first_line({**report, "horizons": [little, *beyond[1:]]}).endswith(

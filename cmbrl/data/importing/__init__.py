@@ -17,6 +17,7 @@ from cmbrl.data.importing import (
     feet,
     kept,
     measured_gains,
+    state,
     whereabouts,
     whole_arrays,
 )
@@ -61,6 +62,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     poses = [recording for path in options.base for recording in read(path)]
     if poses and len(poses) != len(recordings):
         raise UserError(f"{len(recordings)} logs and {len(poses)} of the base: give one file of the base for each log")
+    options, state_told = state.resolved(options, recordings[0], scene)
     counts = Counts()
     series, read_as, columns, slower = _series(recordings, poses, scene, options, counts)
     masters = [key for key in series[0][1] if key[1] == "position"] or list(series[0][1])
@@ -97,7 +99,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     kind = options.kind or ("positions" if captured or by_feet else _kind(keys, scene, gains_told))
     columns = [*kept.columns_told(read_as, keys, kind, scene, without), *columns]
     sizes = f"{counted(len(episodes), 'episode')} from {counted(len(paths), 'file')}"
-    notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns, *by_feet]
+    notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns, *state_told, *by_feet]
     log: Transitions | PositionLog
     if kind == "positions":
         commanded = Commanded.of(keys, scene)
@@ -150,10 +152,10 @@ def _series(
         first = first if first[0] else (columns, targets)
         episodes = [
             {key: one.earlier(late) if one.kind == "held" else one for key, one in series.items()}
-            for series in series_of(recording, targets, options.rate, scene, counts)
+            for series in series_of(recording, targets, options.rate, scene, options.frames, counts)
         ]
         if pose:
-            captures = list(series_of(pose, targets, None, scene, counts))
+            captures = list(series_of(pose, targets, None, scene, options.frames, counts))
             if len(captures) != len(episodes):
                 raise UserError(
                     f"{pose.where}: {len(captures)} episodes, {recording.where} has {len(episodes)}: give as many"

@@ -8,9 +8,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from cmbrl.data.importing import base_clock, standing_clock
-from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, joints_of
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, QUATERNION, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Key, Series
-from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame
 from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.errors import UserError

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 PLACE, TURN = ("x", "y", "z"), ("qw", "qx", "qy", "qz")
+QUATERNION = "quaternion"  #: the quantity of all four columns together
 LINEAR, ANGULAR = ("vx", "vy", "vz"), ("wx", "wy", "wz")
 
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, Floating, joints_of
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, QUATERNION, Floating, joints_of
 from cmbrl.data.importing.commanded import Commanded, wanted
 from cmbrl.data.importing.controls import controls
 from cmbrl.data.importing.grid import Key
-from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.velocities import check_frame, in_frame, smoothed
 from cmbrl.data.loops import closed, closing
 from cmbrl.data.position_log import PositionLog

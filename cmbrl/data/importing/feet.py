@@ -20,9 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.data.importing.bodies import PLACE, TURN, Floating, joints_of
+from cmbrl.data.importing.bodies import PLACE, QUATERNION, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Key
-from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene

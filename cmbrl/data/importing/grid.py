@@ -135,7 +135,7 @@ def to_grid(
             counts.short += len(times)
             continue
         counts.samples += len(times)
-        episodes.append({key: _read(one, times, dt) for key, one in series.items()})
+        episodes.append({key: values_at(one, times, dt) for key, one in series.items()})
     return episodes
 
 
@@ -159,7 +159,7 @@ def _phase(steps: np.ndarray) -> float:
     return phase if phase < 1.0 - REGULAR else 0.0
 
 
-def _read(one: Series, times: np.ndarray, dt: float) -> np.ndarray:
+def values_at(one: Series, times: np.ndarray, dt: float = 0.0) -> np.ndarray:
     """The series (T, k) at ``times``; of what is held, the value that holds for most of the step ``dt`` [s] after each.
 
     Stamps jitter: a command that is stamped a little after its row would else come a whole step late.

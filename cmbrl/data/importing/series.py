@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cmbrl.data.importing.bodies import TURN, joints_of
+from cmbrl.data.importing.bodies import QUATERNION, TURN, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series, clean
+from cmbrl.data.importing.lost import VELOCITIES, believable, without_lost
 from cmbrl.data.importing.recording import Recording, Table
 from cmbrl.data.importing.targets import Target
-from cmbrl.data.stale import stale
-from cmbrl.data.stray import stray
 from cmbrl.data.turns import within_a_turn
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
+if TYPE_CHECKING:
+    from cmbrl.data.importing.build import Frames
+
 HELD = ("command", "torque", "control")
-QUATERNION = "quaternion"  #: the quantity of all four columns together
 
 
 def series_of(
-    recording: Recording, targets: Mapping[str, Target], rate: float | None, scene: Scene, counts: Counts
+    recording: Recording,
+    targets: Mapping[str, Target],
+    rate: float | None,
+    scene: Scene,
+    frames: Frames,
+    counts: Counts,
 ) -> Iterator[dict[Key, Series]]:
     """The series of each episode in a recording, by owner and quantity, in SI units.
 
@@ -45,7 +52,8 @@ def series_of(
         found: dict[Key, Series] = {}
         for table, time in parts:
             found.update(_of_table(where, table, time, targets, scene, counts))
-        yield found
+        columns = {target.key: column for column, target in targets.items()}
+        yield found | believable(found, columns, frames, counts)
 
 
 def _time(recording: Recording, table: Table, targets: Mapping[str, Target], rate: float | None) -> np.ndarray:
@@ -101,23 +109,4 @@ def _of_table(
                 (np.abs(np.diff(one.values - whole, axis=0)) > 1).sum()
             )
             one = Series(one.time, whole, one.kind)
-        yield key, _without_stale(column, _without_stray(column, one, counts), counts)
-
-
-def _without_stale(column: str, one: Series, counts: Counts) -> Series:
-    """The series of a column with the readings filled in that repeat the last one while it moves on."""
-    lost = stale(one.values[:, 0]) if one.kind == "line" else np.zeros(len(one.time), dtype=bool)
-    if not lost.any():
-        return one
-    counts.stale[column] = counts.stale.get(column, 0) + int(lost.sum())
-    values = np.interp(one.time, one.time[~lost], one.values[~lost, 0])
-    return Series(one.time, values[:, None], one.kind)
-
-
-def _without_stray(column: str, one: Series, counts: Counts) -> Series:
-    """The series of a column without the readings that stand alone: what comes between them is filled in later."""
-    lone = stray(one.values[:, 0], commanded=one.kind == "held")
-    if not lone.any():
-        return one
-    counts.stray.setdefault(column, []).extend(one.values[lone, 0].tolist())
-    return Series(one.time[~lone], one.values[~lone], one.kind)
+        yield key, one if quantity in VELOCITIES else without_lost(column, one, counts)

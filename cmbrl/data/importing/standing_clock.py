@@ -17,11 +17,10 @@ import numpy as np
 
 from cmbrl.data.importing import feet
 from cmbrl.data.importing.base_clock import Offset, lowest
-from cmbrl.data.importing.bodies import PLACE, Floating, joints_of
+from cmbrl.data.importing.bodies import PLACE, QUATERNION, Floating, joints_of
 from cmbrl.data.importing.build import configurations
 from cmbrl.data.importing.grid import Key, Series
 from cmbrl.data.importing.markers import PARTS, Pairs, rows_of_pairs
-from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.tied import followers
 from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.scene import Scene

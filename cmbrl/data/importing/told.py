@@ -56,7 +56,8 @@ def no_column(
     unused = [column for column in columns if column not in targets]
     return (
         f"no column for {wanted}{_resembling(word.rpartition('.')[0], unused, scene)}: map one by --map COLUMN={word}"
-        f"{whole_arrays.hint(columns, targets)}{_remedy(wanted, series, scene)}; columns: {short([*unused, *targets])}"
+        f"{whole_arrays.hint(columns, targets, scene)}{_remedy(wanted, series, scene)}; "
+        f"columns: {short([*unused, *targets])}"
     )
 
 

@@ -7,11 +7,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cmbrl.data.importing import feet
-from cmbrl.data.importing.bodies import PLACE, Floating, joints_of
+from cmbrl.data.importing.bodies import PLACE, QUATERNION, Floating, joints_of
 from cmbrl.data.importing.build import configurations
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.markers import Markers, markers
-from cmbrl.data.importing.series import QUATERNION
 from cmbrl.data.importing.told import short
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene

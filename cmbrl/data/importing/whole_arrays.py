@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping
 
 from cmbrl.data.importing.bodies import joints_of
-from cmbrl.data.importing.targets import SINGLE, UNNAMED, WORDS
+from cmbrl.data.importing.state import arrays, layout
+from cmbrl.data.importing.targets import SINGLE, WORDS
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.info.columns import counted
 
 _CONTROL = "control"
-_NUMBERED = re.compile(r"(?P<array>.*[^\d_])_?\d+")
 
 
 def by_column(given: Mapping[str, str], columns: Collection[str], scene: Scene) -> dict[str, str]:
@@ -32,17 +31,19 @@ def by_column(given: Mapping[str, str], columns: Collection[str], scene: Scene) 
     return found | {name: text for name, text in given.items() if name not in arrays}
 
 
-def hint(columns: Iterable[str], targets: Collection[str]) -> str:
+def hint(columns: Iterable[str], targets: Collection[str], scene: Scene) -> str:
     """How to tell what the columns of an array without names are; empty where there is none."""
-    unused = [x for x in columns if x not in targets]
-    arrays = [found["array"] for x in unused if (found := UNNAMED.fullmatch(x)) is not None]
-    if not arrays:
-        counts = Counter(found["array"] for x in unused if (found := _NUMBERED.fullmatch(x)) is not None)
-        arrays = [name for name, count in counts.items() if count > 1]
-    if not arrays:
+    found = {name: len(parts) for name, parts in arrays([x for x in columns if x not in targets]).items()}
+    single, floating = joints_of(scene)
+    if floating:  # a width that fits nothing cannot be told
+        found = {name: count for name, count in found.items() if count in (len(single), scene.nq)}
+    names = [name for name, count in found.items() if count > 1]
+    if not names:
         return ""
-    said = [name for name in arrays if WORDS["position"] & set(re.split(r"[^a-z]+", name.lower()))]
-    return f", or say what all columns of an array are, as --map {[*said, *arrays][0]}=position (--joints names them)"
+    said = [name for name in names if WORDS["position"] & set(re.split(r"[^a-z]+", name.lower()))]
+    name = [*said, *names][0]
+    by_joints = " (--joints names them)" if found[name] == len(single) else ""
+    return f", or say what all columns of an array are, as --map {name}=position{by_joints}"
 
 
 def _members(name: str, columns: Iterable[str]) -> list[str]:
@@ -63,8 +64,14 @@ def _owned(name: str, members: list[str], text: str, scene: Scene) -> dict[str, 
     if not set(names) <= set(owners):
         if len(members) != len(owners):
             raise UserError(
-                f"--map: {name!r} has {counted(len(members), 'column')} and the robot {counted(len(owners), what)}: "
-                "name its columns by --joints"
+                f"--map: {name!r} has {counted(len(members), 'column')} and the robot {counted(len(owners), what)}"
+                f"{_of_state(quantity, scene)}: name its columns by --joints"
             )
         names = list(owners)
     return {column: f"{owner}.{text.strip()}" for column, owner in zip(members, names, strict=True)}
+
+
+def _of_state(quantity: str, scene: Scene) -> str:
+    """How many numbers MuJoCo has of a ``quantity``, where free and ball joints make them more than the joints."""
+    count = len(layout(scene)[quantity]) if quantity in ("position", "velocity") and joints_of(scene)[1] else 0
+    return f" ({counted(count, 'number')} with free and ball joints)" if count else ""

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.data.contradicted import contradicted
 from cmbrl.data.fields import Fields
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.splitting import follows
-from cmbrl.data.stale import stale_rows
+from cmbrl.data.stale import filled, stale_rows
 from cmbrl.data.stray import LONGEST, stray
 from cmbrl.scene.records import JointKind
 
@@ -29,8 +30,9 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     for joint in (each for each in scene.joints if each.kind != JointKind.BALL):
         name = scene.coordinate_names[joint.vadr]
         yield from _of(f"q of {name!r}", log["q"][:, joint.qadr], ends, turns=joint.kind == JointKind.HINGE)
+    moved = scene.difference(log["q"], log["q_next"])
     for k, name in enumerate(scene.coordinate_names):
-        yield from _of(f"v of {name!r}", log["v"][:, k], ends)
+        yield from _of(f"v of {name!r}", log["v"][:, k], ends, moved=moved[:, k] / log["dt"])
     for k, name in enumerate(scene.actuator_names):
         yield from _of(f"u of {name!r}", log["u"][:, k], ends, commanded=True)
     single = [joint for joint in scene.joints if joint.kind != JointKind.BALL]
@@ -67,12 +69,24 @@ def _repeating(
 
 
 def _of(
-    column: str, x: np.ndarray, ends: np.ndarray, turns: bool = False, commanded: bool = False
+    column: str,
+    x: np.ndarray,
+    ends: np.ndarray,
+    turns: bool = False,
+    commanded: bool = False,
+    moved: np.ndarray | None = None,
 ) -> Iterator[Finding]:
-    """What stands alone in a column (T,) whose episodes begin at ``ends`` besides 0. ``turns``: it may go round."""
+    """What stands alone in a column (T,) whose episodes begin at ``ends`` besides 0. ``turns``: it may go round.
+
+    ``moved`` (T,), of a velocity: what its position moves by in a row, over the time step. It has to contradict.
+    """
     for first, end in pairwise([0, *ends.tolist(), len(x)]):
         part = np.unwrap(x[first:end]) if turns else x[first:end]
-        if (lone := stray(part, commanded)).any():
+        lone = stray(part, commanded)
+        if moved is not None and lone.any():
+            mended = filled(part[:, None], lone[:, None])[:, 0]
+            lone = contradicted(lone, part, mended, moved[first : end - 1], 1.0)
+        if lone.any():
             row = first + int(np.argmax(lone))
             yield Finding(
                 f"{column} is {x[row]:.4g} in row {row}, after {x[row - 1]:.4g}, and back within {LONGEST} samples, "

@@ -8,17 +8,19 @@ from typing import Any
 
 from cmbrl.fitting.choice.judging import RETURN
 from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, remark, start_of, warning
+from cmbrl.scene.info.columns import counted
 
 _ALIKE = 1.01  # times the error of the fit
 _DIVERGED = 1e6  # times what the states vary by
 _OF_CHANGE, _OF_STATES = " deviations of the change", " deviations of the states"  # units of the loss, of cmbrl error
+_FAR_BELOW = 10.0  # times: an error so much smaller is good news, which comes first
 _FEW = 40  # transitions, with which hardly anything can be held out
 
 
 def first_line(report: Mapping[str, Any]) -> str:
     """In one line, what the fit is worth."""
-    early = f"Stopped early ({report['stopped']}). " if report["stopped"] is not None else ""
-    early += _apart(report)
+    stopped = f"Stopped early ({report['stopped']})." if report["stopped"] is not None else ""
+    early = f"{stopped} {_apart(report)}".lstrip()
     start, rows = start_of(report), report.get("horizons", ())
     if not report.get("fitted"):
         back = (report.get("selection") or [{}])[-1].get("group") == RETURN
@@ -31,7 +33,7 @@ def first_line(report: Mapping[str, Any]) -> str:
     if worse := warning(rows, start):
         return f"{early}{worse}{hurried(report.get('pace'))}."
     before, after = errors.before, errors.after
-    steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
+    steps = counted(report["horizon"], "step")
     short = f"an error over {steps} of {after:.3g} instead of {before:.3g}{errors.unit}"
     told = f"{short}{_far(report, errors.far)}"
     typical = report.get("typical", 1.0)
@@ -44,8 +46,9 @@ def first_line(report: Mapping[str, Any]) -> str:
         return f"{early}The fit predicts unseen seconds worse than {start} ({told}): keep {start}."
     if before <= EXACT or (before < _ALIKE * after and not _better_far(report)):
         return f"{early}The fit predicts unseen seconds about as well as {start} ({told})."
-    better = f"{early}The fit predicts unseen seconds {_times(before, after)} times better than {start}"
-    return f"{better} ({short}){_times_far(report, errors.far)}{_doubts(report)}.{_reach(report)}{remark(rows, start)}"
+    better = f"The fit predicts unseen seconds {_times(before, after)} times better than {start}"
+    told = f"{better} ({short}){_times_far(report, errors.far)}{_doubts(report)}.{_reach(report)}{remark(rows, start)}"
+    return f"{_apart(report)}{told} {stopped}".rstrip() if before >= _FAR_BELOW * after else f"{early}{told}"
 
 
 @dataclass(frozen=True)
@@ -97,10 +100,18 @@ def _times(before: float, after: float) -> str:
     return f"{times:,.0f}" if times >= 1e3 else f"{times:.3g}"
 
 
+def _steps(count: int, report: Mapping[str, Any]) -> str:
+    """A horizon in steps and seconds."""
+    dt = report["data"].get("dt")  # fits of earlier versions have none
+    return counted(count, "step") + (f" ({count * dt:.3g} s)" if dt else "")
+
+
 def _reach(report: Mapping[str, Any]) -> str:
     """From how many steps on its predictions tell nothing."""
     steps = [row["steps"] for row in report.get("horizons", ()) if lost(row)]
-    return f" Over {min(steps)} steps it is off by more than the states vary: use it for less." if steps else ""
+    return (
+        f" Over {_steps(min(steps), report)} it is off by more than the states vary: use it for less." if steps else ""
+    )
 
 
 def _farthest(report: Mapping[str, Any]) -> Mapping[str, Any] | None:
@@ -133,5 +144,6 @@ def _times_far(report: Mapping[str, Any], unit: str) -> str:
         return ""
     before, after = row["rmse"]["nominal"], row["rmse"]["fitted"]
     if not _better_far(report):
-        return f"; over {row['steps']} steps it errs by {after:.3g} instead of {before:.3g}{unit}"
-    return f", {_times(before, after)} times over {row['steps']} ({after:.3g} instead of {before:.3g}{unit})"
+        return f"; over {_steps(row['steps'], report)} it errs by {after:.3g} instead of {before:.3g}{unit}"
+    over = f"{_times(before, after)} times over {_steps(row['steps'], report)}"
+    return f", {over}: {after:.3g} instead of {before:.3g}{unit}"

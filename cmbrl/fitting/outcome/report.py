@@ -28,6 +28,7 @@ from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
 from cmbrl.models.between import DELAY, LAG
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.info.inventory import moving_pairs
 
 
 def conclude(
@@ -100,6 +101,7 @@ def conclude(
             "share": _share(loss, space, z, covariance, budget, place, about["stopped"]),
             "delay": None if place is None else space.names[place],
         },
+        "pairs": moving_pairs(model.scene),
         "left_out": [{"kind": e.kind, "name": e.name, "why": e.why} for e in model.scene.left_out],
         "candidates": incumbent.candidates,
         "course": incumbent.course,

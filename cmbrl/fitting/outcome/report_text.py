@@ -59,7 +59,7 @@ def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
 
 
 def _errors(report: Mapping[str, Any]) -> Iterator[str]:
-    if better := advice(report.get("stepping", ())):
+    if better := advice(report.get("stepping", ()), report.get("sliding")):
         yield from textwrap.wrap(better, WIDTH, subsequent_indent="  ")
     if told := sliding_told(report.get("sliding")):
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")

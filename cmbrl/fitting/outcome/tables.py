@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from cmbrl.fitting.fitted_parameter import AT_BOUND, FLAT, NOMINAL, FittedParameter
@@ -12,6 +12,7 @@ from cmbrl.fitting.outcome.verdict import start_of
 WIDTH = 100  #: columns of the text
 _ROWS = 24  # of a table
 _FEW_ROWS = 8  # of one that follows
+_PAIRS = "pairs"  # what contacts between moving bodies share their parameters as
 _WIDE = 3.0  # times a value, and its inverse: an interval that is as wide tells hardly anything
 
 
@@ -25,6 +26,15 @@ def table(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any], 
         rows.append([name, f"{p.shown:.5g}", f"[{p.low:.5g}, {p.high:.5g}]", f"{p.nominal:.5g}", p.status, p.unit])
     yield from _columns(rows if shown else [])
     yield from _rest(found, shown, start_of(report))
+    yield from _pairs_told(shown, report.get("pairs", ()))  # fits of earlier versions have none
+
+
+def _pairs_told(names: Iterable[str], pairs: Sequence[str]) -> Iterator[str]:
+    """What parameters of ``pairs`` are of, where the table has any."""
+    if pairs and any(name.partition(".")[2].partition(":")[0] == _PAIRS for name in names):
+        more = f" and {len(pairs) - _FEW_ROWS} more" if len(pairs) > _FEW_ROWS else ""
+        told = f"  {_PAIRS}: all contacts between moving bodies, {', '.join(pairs[:_FEW_ROWS])}{more}"
+        yield from textwrap.wrap(told, WIDTH, subsequent_indent="    ", drop_whitespace=True, break_on_hyphens=False)
 
 
 def _clearness(value: float, low: float, high: float, nominal: float) -> float:

@@ -231,9 +231,12 @@ def _relative_errors(
     return found
 
 
-def advice(rows: Sequence[dict[str, Any]]) -> str | None:
-    """One line that names a clearly better setting, or None."""
-    if not rows or rows[0]["relative_error"] > _CLEARLY_BETTER:
+def advice(rows: Sequence[dict[str, Any]], sliding: Mapping[str, Any] | None = None) -> str | None:
+    """One line that names a clearly better setting, or None.
+
+    ``sliding``: of the choice of a law. A fit that took another one has changed what was tried.
+    """
+    if (sliding and sliding["taken"]) or not rows or rows[0]["relative_error"] > _CLEARLY_BETTER:
         return None
     best = rows[0]
     return (

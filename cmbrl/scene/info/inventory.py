@@ -100,6 +100,13 @@ def to_dict(scene: Scene) -> dict[str, Any]:
     }
 
 
+def moving_pairs(scene: Scene) -> list[str]:
+    """The pairs of geoms on two moving bodies, ``ball-box``: their contacts share parameters called ``pairs``."""
+    core = scene.core
+    names = zip(scene.contact_names, core.con_bodyA, core.con_bodyB, strict=True)
+    return sorted({"-".join(sorted(name.split(" - "))) for name, a, b in names if WORLD not in (a, b)})
+
+
 def doubts(scene: Scene) -> list[str]:
     """What the file probably does not mean: ranges of hinges in the wrong unit (``angles``)."""
     core, kinds = scene.core, scene.coordinate_kinds
