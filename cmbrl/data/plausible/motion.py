@@ -50,6 +50,7 @@ class Driver:
     low: float  #: bounds of the file on u
     high: float
     pace: bool = False  #: a target of a velocity servo, which is a force as well
+    strength: float = 1.0  #: [N m, N per unit of u] by the file, of a force
     push: float = np.inf  #: [m/s^2, rad/s^2 per unit of u] by the file, at qpos0, if nothing else pushes
 
 
@@ -104,7 +105,10 @@ class Motion:
         Entry (a, b) is target a against the coordinate of target b. The slope is that of positions over targets at the
         best lag. NaN where either rests, or the command is a force. Means of blocks do not count.
         """
-        servos = [m for m, driver in enumerate(self.drivers) if driver.position or driver.pace]
+        return self.following([m for m, driver in enumerate(self.drivers) if driver.position or driver.pace])
+
+    def following(self, servos: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same of ``servos`` alone, as if they were targets, whatever they are."""
         size = len(self.drivers)
         best, worst, slope = np.full((3, size, size), np.nan)
         targets = self.u[:, servos] * [self.drivers[m].scale for m in servos]
@@ -230,7 +234,8 @@ def _drivers(
         paced = position is None and law_of(scene, a)[0] == "velocity"
         scale = 1.0 / gear if paced else scale
         name = scene.actuator_names[a]
-        push = float(abs(gear * gain) * core.line_invweight[line])
-        drivers.append(Driver(name, place[line], servo, float(scale), float(low), float(high), paced, push))
+        push, strength = float(abs(gear * gain) * core.line_invweight[line]), 1.0 if position is False else gear * gain
+        bounds = float(low), float(high)
+        drivers.append(Driver(name, place[line], servo, float(scale), *bounds, paced, float(strength), push))
         used.append(column)
     return tuple(drivers), used

@@ -35,11 +35,7 @@ def untold(motion: Motion, scene: Scene) -> Iterator[Finding]:
     size, rows = max(1, round(_APART / motion.dt)), _rows(motion)
     if not _arm(motion, scene) or len(rows) < _LEAST:
         return
-    q = np.zeros((3, len(rows), scene.nq))
-    address = {joint.vadr: joint.qadr for joint in scene.joints}
-    places = [address[coordinate.dof] for coordinate in motion.coordinates]
-    for k, other in enumerate((-size, 0, size)):
-        q[k][:, places] = motion.now[rows + other]
+    q = np.array([_poses(motion, motion.now[rows + other], scene) for other in (-size, 0, size)])
     apart = size * motion.dt
     speed = scene.difference(q[0], q[2]) / (2.0 * apart)
     x = kinematics.centres(scene.core, q)
@@ -65,6 +61,21 @@ def untold(motion: Motion, scene: Scene) -> Iterator[Finding]:
         )
 
 
+def held(motion: Motion, scene: Scene) -> np.ndarray | None:
+    """What the links weigh by the file at each row (R, nv); None where the log does not tell all of a pose."""
+    if len(motion.coordinates) != scene.nv:
+        return None
+    return np.asarray(kinematics.holding_forces(scene.core, _poses(motion, motion.now, scene)))
+
+
+def _poses(motion: Motion, places: np.ndarray, scene: Scene) -> np.ndarray:
+    """Configurations (R, nq) of all joints at ``places`` (R, n)."""
+    address = {joint.vadr: joint.qadr for joint in scene.joints}
+    q = np.zeros((len(places), scene.nq))
+    q[:, [address[coordinate.dof] for coordinate in motion.coordinates]] = places
+    return q
+
+
 def _arm(motion: Motion, scene: Scene) -> bool:
     core, driven = scene.core, {d.coordinate for d in motion.drivers if not d.position}
     springs = any(p.group.endswith("stiffness") for p in scene.parameters)
@@ -85,10 +96,7 @@ def _torques(motion: Motion, scene: Scene, rows: np.ndarray, size: int) -> np.nd
     sums = np.vstack([np.zeros((1, motion.u.shape[1])), np.cumsum(motion.u, axis=0)])
     mean = (sums[rows + size] - sums[rows - size]) / (2 * size)
     for m, driver in enumerate(motion.drivers):
-        place = scene.layout.actuator(scene.actuator_names.index(driver.name))
-        gear, gain = scene.core.P[place : place + 2]
-        factor = 1.0 if motion.command == "torque" else gear * gain
-        found[:, motion.coordinates[driver.coordinate].dof] += factor * mean[:, m]
+        found[:, motion.coordinates[driver.coordinate].dof] += driver.strength * mean[:, m]
     return found
 
 
