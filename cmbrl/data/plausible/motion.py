@@ -13,7 +13,7 @@ import numpy as np
 from cmbrl.data.drive import law_of
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
-from cmbrl.data.turns import within_a_turn
+from cmbrl.data.turns import TURN, whole, within_a_turn
 from cmbrl.scene import kinematics
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind
@@ -78,14 +78,15 @@ class Motion:
     def change(self) -> np.ndarray:
         """(R, n) change of position from one sample to the next, without whole turns of hinges that stay within one."""
         step = self.after - self.now
-        turning = np.array(
-            [
-                one.hinge and not np.isfinite(one.low) and within_a_turn(self.now[:, k], self.after[:, k])
-                for k, one in enumerate(self.coordinates)
-            ],
-            dtype=bool,
-        )
-        return step - 2 * np.pi * np.round(step / (2 * np.pi)) * turning
+        for k in np.flatnonzero(self.wraps):
+            step[:, k] -= TURN * whole(step[:, k], np.isfinite(self.coordinates[k].low))
+        return step
+
+    @cached_property
+    def wraps(self) -> np.ndarray:
+        """Which coordinates (n,) are hinges whose angle begins again after a whole turn."""
+        columns = zip(self.coordinates, self.now.T, self.after.T, strict=True)
+        return np.array([one.hinge and _wraps(now, after, np.isfinite(one.low)) for one, now, after in columns], bool)
 
     def position_of(self, k: int) -> str:
         """The position column of coordinate k, for messages."""
@@ -129,6 +130,10 @@ class Motion:
             worst[at] = -np.nan_to_num(-all_r, nan=-2.0).max(axis=0)
             slope[at] = np.take_along_axis(slopes, np.abs(np.nan_to_num(all_r)).argmax(axis=0)[None], axis=0)[0]
         return best, worst, slope
+
+
+def _wraps(now: np.ndarray, after: np.ndarray, limited: bool) -> bool:
+    return len(now) > 0 and within_a_turn(now, after) and bool(whole(after - now, limited).any())
 
 
 def white_noise(parts: Iterable[np.ndarray]) -> np.ndarray:
