@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -87,6 +87,10 @@ class Motion:
         """Which coordinates (n,) are hinges whose angle begins again after a whole turn."""
         columns = zip(self.coordinates, self.now.T, self.after.T, strict=True)
         return np.array([one.hinge and _wraps(now, after, np.isfinite(one.low)) for one, now, after in columns], bool)
+
+    def later(self, by: int) -> Motion:
+        """The same with the commands of ``by`` rows before."""
+        return self if not by else replace(self, u=np.concatenate([np.repeat(self.u[:1], by, axis=0), self.u[:-by]]))
 
     def position_of(self, k: int) -> str:
         """The position column of coordinate k, for messages."""

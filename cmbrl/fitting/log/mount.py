@@ -68,8 +68,8 @@ class MountCheck:
         turned = "upside down" if np.array(axis) @ self._own < -_ALIKE * self._size else "on a wall"
         more = ", and no gains, damping or friction explain that" if sure else ""
         return Finding(
-            f"the log moves as if gravity were {found} and not the file's {file} (which leaves {1 / share:.2g} times the "
-            f"error{more}): is the robot mounted {turned}? Turn its base in the file, or write <option "
+            f"the log moves as if gravity were {found} and not the file's {file} ({1 / share:.2g} times the error "
+            f"of that{more}): is the robot mounted {turned}? Turn its base in the file, or write <option "
             f'gravity="{found}"/>; or do joints count from another zero?',
             sure,
         )
