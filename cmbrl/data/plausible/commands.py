@@ -94,6 +94,8 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
         m, ratio = chosen[i], fitted[0][i, i] / fitted[1][i, i]
         joint = motion.coordinates[motion.drivers[m].coordinate].name
         light = abs(fitted[0][i, i]) > _LIGHTER * motion.drivers[m].push * motion.dt
+        if motion.v_now is None and slow[0, i] > -SIGNIFICANT:  # over few samples a coarse encoder tells its counts
+            continue
         if (light and slow[:, i].max() > max(_ALSO, -slow[:, i].min())) or _later(motion, chosen, i) > -_MORE * ratio:
             continue
         sure = not light or bool(slow[0, i] < -_ALSO)

@@ -148,10 +148,13 @@ def velocities(motion: Motion) -> Iterator[Finding]:
             "error; negate one of the two columns"
         )
     found = {int(k): told for k in np.flatnonzero(own > AGREES) if (told := _unit(motion, int(k), ratio[k], own[k]))}
+    kinds = {motion.coordinates[k].hinge for k in np.flatnonzero(own > AGREES)}
+    rate = list(_rate(motion, own, ratio, moving))
+    if rate and (len(kinds) > 1 or not found):  # what hinges and slides share is of time
+        yield from rate
+        return
     for told in found.values():
         yield Finding(told)
-    if not found:
-        yield from _rate(motion, own, ratio, moving)
 
 
 def _unit(motion: Motion, k: int, ratio: float, r: float) -> str | None:

@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 _APART, _MOST, _LEAST = 0.02, 2000, 100  # [s] between the samples that tell accelerations; most and least of them
 _LOADED = 0.3  # of the largest usual weight: where joints carry less, what accelerates them hides it
 _FACTORS = np.geomspace(0.4, 2.5, 15)  # by which the masses of the file may be wrong
+_UNITS = {
+    1e3: "it is multiplied by 1000: check its unit",
+    1e-3: "it is divided by 1000: check its unit",
+    -1.0: "it is negated: check its sign, or is the robot mounted upside down?",
+}
 _MOVES = 0.02  # of the largest speed
 _UNEXPLAINED, _BETTER = 0.5, 0.5  # of the weight, with it; times that, without it
 
@@ -48,11 +53,21 @@ def untold(motion: Motion, scene: Scene) -> Iterator[Finding]:
     if not usual.any():
         return
     loaded = np.flatnonzero(usual > _LOADED * usual.max())
+    weighed = (moving + weight)[:, loaded] / usual[loaded]
     with_it, without = (
-        _unexplained(forces[:, loaded] / usual[loaded], torque[:, loaded] / usual[loaded], speed[:, loaded])
-        for forces in (moving + weight, moving)
+        _unexplained(forces, torque[:, loaded] / usual[loaded], speed[:, loaded])
+        for forces in (weighed, moving[:, loaded] / usual[loaded])
     )
-    if with_it > _UNEXPLAINED and without < _BETTER * with_it:
+    if not (with_it > _UNEXPLAINED and without < _BETTER * with_it):
+        return
+    other = {
+        told: _unexplained(weighed, factor * torque[:, loaded] / usual[loaded], speed[:, loaded])
+        for factor, told in _UNITS.items()
+    }
+    best = min(other, key=lambda told: other[told])
+    if other[best] < _BETTER * with_it:
+        yield Finding(f"{motion.command} holds what the links weigh by the file if {best}", sure=False)
+    else:
         yield Finding(
             f"{motion.command} holds none of what the links weigh by the file: a driver that compensates gravity tells "
             "torques without it. Import with --gravity-compensated to add the weight by the file, or check the file's "
