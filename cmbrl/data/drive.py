@@ -90,7 +90,7 @@ def scene_of(log: PositionLog, scene: Scene) -> Scene:
         if law_of(scene, actuator)[0] == log.command_kind:
             if (other := _other_servo(log, scene, column, actuator)) is not None:
                 drives[name] = other
-                far.append(_apart(scene, actuator, other))
+                far += _apart(scene, actuator, other)
             continue
         if log.command_kind == "torque":
             drives[name] = Drive(name, "torque", strength=float(np.abs(log.command[:, column]).max(initial=0.0)))
@@ -125,12 +125,14 @@ def _other_servo(log: PositionLog, scene: Scene, column: int, actuator: int) -> 
     return Drive(name, "position", *gains) if beyond and gains[0] > 0.0 else None
 
 
-def _apart(scene: Scene, actuator: int, servo: Drive) -> str:
-    """The gains of ``servo`` beside those that the file has, at the joint."""
+def _apart(scene: Scene, actuator: int, servo: Drive) -> list[str]:
+    """The gains of ``servo`` beside those that the file has, at the joint; none where the file only lacks a kd."""
     P, layout = scene.core.P, scene.layout
     gear, *own = (float(P[layout.actuator(actuator, field)]) for field in ("gear", "bias1", "bias2"))
     kp, kd = (0.0 - each * gear**2 for each in own)  # not -0 of a file without kd
-    return f"{servo.actuator}: kp {servo.kp:g} for {kp:g}, kd {servo.kd:g} for {kd:g}"
+    if kd == 0.0 and np.isclose(kp, servo.kp):  # as most files do
+        return []
+    return [f"{servo.actuator}: kp {servo.kp:g} for {kp:g}, kd {servo.kd:g} for {kd:g}"]
 
 
 def _mismatch(log: PositionLog, scene: Scene, column: int, actuator: int) -> str:

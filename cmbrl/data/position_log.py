@@ -198,11 +198,11 @@ class PositionLog:
     def going_on(self, scene: Scene) -> PositionLog:
         """The same log with whole turns added to the angles, and their targets, that begin again after one."""
         position, command = self.position.copy(), self.command.copy()
-        endless, lines = turns.endless(scene), scene.core.act_line[self.actuators(scene)].tolist()
+        hinges, lines = turns.hinges(scene), scene.core.act_line[self.actuators(scene)].tolist()
         for k, place in enumerate(self.coordinates(scene).tolist()):
-            if place not in endless:
+            if place not in hinges:
                 continue
-            position[:, k] = turns.going_on(position[:, k], self.episode)
+            position[:, k] = turns.going_on(position[:, k], self.episode, hinges[place])
             if self.command_kind == "position" and place in lines and (position[:, k] != self.position[:, k]).any():
                 target = lines.index(place)
                 command[:, target] = turns.nearest(command[:, target], position[:, k])

@@ -104,9 +104,9 @@ class Transitions:
     def going_on(self, scene: Scene) -> Transitions:
         """The same log with whole turns added to the angles that begin again after one (:mod:`cmbrl.data.turns`)."""
         q, q_next = self.q.copy(), self.q_next.copy()
-        for v, k in turns.endless(scene).items():
-            change = 0.5 * self.dt * (self.v[:, v] + self.v_next[:, v])
-            q[:, k], q_next[:, k] = turns.transitions_going_on(q[:, k], q_next[:, k], change, self.episode)
+        for v, hinge in turns.hinges(scene).items():
+            k, change = hinge.qadr, 0.5 * self.dt * (self.v[:, v] + self.v_next[:, v])
+            q[:, k], q_next[:, k] = turns.transitions_going_on(q[:, k], q_next[:, k], change, self.episode, hinge)
         return replace(self, q=q, q_next=q_next)
 
     def check(self, scene: Scene, dt: float | None = None) -> None:

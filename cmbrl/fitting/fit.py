@@ -25,6 +25,7 @@ from cmbrl.fitting.course import INTERRUPTED, SEARCHES, Course
 from cmbrl.fitting.log.columns import ColumnsCheck
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.horizons import horizons_of
+from cmbrl.fitting.log.mount import MountCheck
 from cmbrl.fitting.log.noise import sensor_noise
 from cmbrl.fitting.log.rate import RateCheck
 from cmbrl.fitting.outcome.report import conclude
@@ -87,6 +88,7 @@ def fit(
 
     Raises:
         UserError: for a log of another robot or time step, a position log of a wrong rate (``rate``),
+            one of a robot that is mounted otherwise than in its file (``mount``),
             columns of the wrong sign, unit or place (``columns``),
             unknown names, parameters outside their bounds, or a folder that cannot be used.
     """
@@ -109,6 +111,7 @@ def fit(
     draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
     if evidence.positions_only:
         RateCheck(evidence, min(horizons), huber, seed).tell()
+    MountCheck(evidence, huber, seed).tell()
     ColumnsCheck(evidence, huber, seed).tell()
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), progress, started)

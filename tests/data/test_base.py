@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.data import plausible
 from cmbrl.data.estimation import estimated
 from cmbrl.data.importing import Frames, Options, import_logs
 from cmbrl.data.importing.base_clock import Course, offset
@@ -280,7 +281,7 @@ def test_a_position_log_of_a_tossed_body_needs_no_joints(tmp_path: Path):
 @pytest.mark.parametrize(
     ("fault", "expected"),
     [
-        ("millimetres", r"base_position accelerates by .* m/s\^2: millimetres instead of metres\? Divide it by 1000"),
+        ("millimetres", r"base_position accelerates by .* m/s\^2: millimetres or centimetres .* by 1000 or 100"),
         (
             "lost",
             "base_position and base_quaternion are constant from row 500 to 799 while joints move: did the capture",
@@ -303,6 +304,51 @@ def test_faults_of_a_base(fault: str, expected: str, walk: dict) -> None:
         base[:, 3:] = np.roll(base[:, 3:], -1 if fault == "xyzw" else 1, axis=1)
     with pytest.raises(UserError, match=expected):
         replace(log, base=base).check(walk["scene"])
+
+
+def flight(noise: float) -> tuple[Scene, PositionLog]:
+    """Ten seconds at 100 Hz of a body alone in the air, as a capture sees it."""
+    scene = Scene.from_mjcf(
+        '<mujoco><worldbody><body><freejoint name="f"/><geom size=".1"/><site name="s"/></body></worldbody>'
+        '<actuator><motor name="lift" site="s" gear="0 0 1 0 0 0"/></actuator></mujoco>'
+    )
+    time, rng = 0.01 * np.arange(1000), np.random.default_rng(0)
+    place = np.column_stack([0.4 * np.sin(1.4 * time), 0.3 * np.cos(2.0 * time), 1.0 + 0.2 * np.sin(1.7 * time)])
+    base = np.column_stack([place + noise * rng.normal(size=place.shape), np.ones(1000), np.zeros((1000, 3))])
+    log = PositionLog(
+        time=time, position=np.zeros((1000, 0)), joint_names=(), command=1.0 + 0.1 * np.sin(time)[:, None],
+        actuator_names=("lift",), command_kind="control", base=base,
+    )  # fmt: skip
+    return scene, log
+
+
+def told_of_base(scene: Scene, log: PositionLog) -> list[str]:
+    return [one.text for one in plausible.of_positions(log, scene) if "base_position" in one.text]
+
+
+def test_a_body_alone_whose_pose_stands_still_in_flight() -> None:
+    scene, log = flight(3e-4)
+    assert told_of_base(scene, log) == []
+    assert log.base is not None
+    base = log.base.copy()
+    base[300:700] = base[300]
+    found = told_of_base(scene, replace(log, base=base))
+    assert ["constant from row 300 to 699 without the noise that they have" in text for text in found] == [True]
+
+
+def test_a_body_that_rests_in_a_simulation_is_not_lost() -> None:
+    scene, log = flight(0.0)
+    assert log.base is not None
+    base = log.base.copy()
+    base[:300] = base[300]
+    assert told_of_base(scene, replace(log, base=base)) == []
+
+
+def test_a_slow_flight_in_millimetres_or_a_fast_one_in_centimetres() -> None:
+    scene, log = flight(3e-5)
+    assert log.base is not None
+    found = told_of_base(scene, replace(log, base=log.base * np.array([1e3] * 3 + [1.0] * 4)))
+    assert "millimetres or centimetres instead of metres? Divide it by 1000 or 100" in found[0]
 
 
 def test_a_clock_in_milliseconds_is_told(walk: dict) -> None:

@@ -1,6 +1,7 @@
 """Commands of a position log against what the file's actuators take: targets to motors, torques to servos."""
 
 import json
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -107,6 +108,14 @@ def test_gains_that_are_not_those_of_the_file(place, kv, told):
     assert scene_of(log, scene) is scene  # said once
     assert drift(Evidence.of(cmbrl.ComplementarityModel(scene), log)) < 2e-3
     assert scene_of(log_of("position", kp=4.0), weak) is weak  # may become that of the log
+
+
+def test_a_kd_that_the_file_lacks_is_usual(place):
+    Path("bare.xml").write_text(ARM.format(damping=0.5, actuator=WEAK.format("")))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        scene = scene_of(log_of("position", kp=1.0, kd=0.1), Scene.from_mjcf("bare.xml"))
+    assert scene.drives == (Drive("m", "position", 1.0, 0.1),)
 
 
 def test_patterns_of_names_of_which_the_last_counts(place):

@@ -387,6 +387,17 @@ def test_torques_become_controls_by_gear(place: Path, tmp_path: Path) -> None:
         import_logs([tmp_path / "log.npz"], motors)
 
 
+def test_torques_over_a_file_with_servos_ask_for_a_log_of_positions(place: Path, tmp_path: Path) -> None:
+    servos, u = Scene.from_mjcf(place / "arm_servo.xml"), np.zeros((ROWS, 3))
+    q, v = simulate(place / "arm_motor.xml", u)
+    np.savez(tmp_path / "log.npz", joint_names=np.array(JOINTS), time=DT * np.arange(ROWS), q=q, dq=v, tau=u)
+    with pytest.raises(UserError, match=r"no column for actuator 'shoulder', a servo .* give --as positions, which"):
+        import_logs([tmp_path / "log.npz"], servos)
+    found = import_logs([tmp_path / "log.npz"], servos, Options(kind="positions")).log
+    assert isinstance(found, PositionLog)
+    assert found.command_kind == "torque"
+
+
 def test_frames_of_the_base_are_asked_for_and_checked(tmp_path: Path) -> None:
     pytest.importorskip("gymnasium")
     recorded = load_task("g1").record(400, 0, "random", None, None)

@@ -13,6 +13,8 @@ import pytest
 
 from cmbrl import Transitions, UserError
 from cmbrl.data import plausible, read_trajectories
+from cmbrl.data.plausible import motion as motions
+from cmbrl.data.plausible import units
 from cmbrl.data.plausible.frames import to_world
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
@@ -516,3 +518,16 @@ def test_quaternions_that_their_angular_velocities_read_in_another_way(
 def test_the_sign_of_a_quaternion_does_not_matter(swung: Transitions) -> None:
     signs = np.random.default_rng(1).choice([-1.0, 1.0], (len(swung), 1))
     replace(swung, q=signs * swung.q).check(Scene.from_mjcf(BALL_ARM))
+
+
+@pytest.mark.parametrize(("times", "told"), [(1000.0, "the wrong rate"), (1.0, None)])
+def test_a_factor_that_hinges_and_slides_share_is_of_time(tmp_path: Path, times: float, told: str | None) -> None:
+    bodies = (
+        '<body><joint name="h"/><geom size=".1"/></body><body><joint name="s" type="slide"/><geom size="1"/></body>'
+    )
+    scene, time = scene_of(tmp_path, "both", bodies), 0.002 * np.arange(2000)
+    q, v = (np.column_stack([f(2 * time), 0.2 * f(3 * time)]) for f in (np.sin, np.cos))
+    v = v * [2.0, 3.0]
+    log = {"q": q[:-1], "q_next": q[1:], "v": v[:-1], "v_next": v[1:], "u": np.zeros((1999, 0)), "dt": 0.002 * times}
+    found = [one.text for one in units.velocities(motions.of_transitions(log | {"episode": np.zeros(1999)}, scene))]
+    assert [told in text for text in found] == [True] if told else found == []

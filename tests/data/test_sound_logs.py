@@ -43,6 +43,37 @@ def test_a_joint_that_is_pushed_against_its_stop_answers_to_nothing(tmp_path: Pa
     assert ["the wrong way" in one.text for one in commands.forces(away, away.answers())] == [True]
 
 
+def test_a_command_that_acts_two_samples_late_is_no_sign_error(tmp_path: Path) -> None:
+    """Its controller is too fast for that delay, and pushes one way while the joint still goes the other."""
+    body = '<body><joint name="j" armature="1"/><geom size=".1"/></body>'
+    scene = scene_of(tmp_path, "late", body, '<motor name="j" joint="j" ctrlrange="-1 1"/>')
+    rng, rows, dt, late = np.random.default_rng(0), 4000, 0.002, 2
+    q, v, u = np.zeros((rows + 1, 1)), np.zeros((rows + 1, 1)), np.zeros((rows, 1))
+    for k in range(rows):
+        u[k] = np.clip(40 * (np.sin(0.01 * k) - q[k]) - 1000 * v[k] + 0.1 * rng.normal(), -1, 1)
+        v[k + 1] = 0.999 * v[k] + 100 * dt * u[max(k - late, 0)]
+        q[k + 1] = q[k] + dt * v[k + 1]
+    seen = v + 2e-3 * rng.normal(size=v.shape)
+    log = {"q": q[:-1], "q_next": q[1:], "v": seen[:-1], "v_next": seen[1:], "u": u, "dt": dt}
+    found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
+    assert list(commands.forces(found, found.answers())) == []
+
+
+def test_a_slow_joint_whose_torque_holds_its_weight_is_no_sign_error(tmp_path: Path) -> None:
+    """The torque tells where it is better than its noisy sensor does, and so it tells the sensor's noise."""
+    body = '<body><joint name="j" axis="0 1 0" armature="1"/><geom size=".1" pos=".3 0 0"/></body>'
+    scene = scene_of(tmp_path, "slow", body, '<motor name="j" joint="j"/>')
+    rng, time = np.random.default_rng(0), 0.004 * np.arange(4000)
+    q = 0.3 * np.sin(0.5 * time)
+    for weight in (3.0, -3.0):
+        log = PositionLog(
+            time=time, position=(q + 2e-4 * rng.normal(size=len(time)))[:, None], command=(weight * q)[:, None],
+            joint_names=("j",), command_kind="torque",
+        )  # fmt: skip
+        found = motion.of_positions(log, scene)
+        assert list(commands.forces(found, found.answers())) == []
+
+
 @pytest.mark.parametrize(("own", "sign", "told"), [(0.05, 1.0, 0), (4.0, 1.0, 0), (4.0, -1.0, 1)])
 def test_noise_of_velocities_under_a_controller_that_damps_is_no_sign_error(
     tmp_path: Path, own: float, sign: float, told: int

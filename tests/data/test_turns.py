@@ -12,6 +12,7 @@ import pytest
 from cmbrl import Scene, Transitions
 from cmbrl.accuracy.compare import compare
 from cmbrl.data import read_trajectories
+from cmbrl.data.importing import Options, import_logs
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.several import together
 from cmbrl.models.baselines import HoldVelocity
@@ -89,6 +90,59 @@ def test_fast_wheels_that_go_on_already_stay(scene: Scene) -> None:
     q = np.column_stack([4.0 * np.arange(50), np.zeros(50)])  # more than half a turn a row
     log = PositionLog(time=DT * np.arange(50), position=q, command=q, joint_names=("axle", "door"))
     np.testing.assert_array_equal(log.going_on(scene).position, q)
+
+
+def swinging() -> np.ndarray:
+    """A door's angle (T,) that swings about a place where its sensor, which counts down, begins again."""
+    return 0.6 + 0.5 * np.sin(2 * DT * np.arange(2 * ROWS))
+
+
+def cut_at(q: np.ndarray, begins: float) -> np.ndarray:
+    """``q`` (T, 2) with a door that is a whole turn less beyond where its sensor ``begins`` again."""
+    return np.where(q > [np.inf, begins], q - [0.0, 2 * np.pi], q)
+
+
+def test_a_hinge_with_limits_goes_on_and_comes_to_lie_within_them(scene: Scene) -> None:
+    q = np.column_stack([np.zeros(2 * ROWS), swinging()])
+    cut = PositionLog(
+        time=DT * np.arange(2 * ROWS), position=cut_at(q, 0.6), command=cut_at(q, 0.6) + 0.05,
+        joint_names=("axle", "door"),
+    )  # fmt: skip
+    found = cut.going_on(scene)
+    np.testing.assert_allclose(found.position, q, atol=1e-9)
+    np.testing.assert_allclose(found.command, q + 0.05, atol=1e-9)
+    told = [text for text in _told(lambda: cut.check(scene)) if "joint 'door'" in text]
+    assert ["jumps by a whole turn" in text for text in told] == [True]
+
+
+def test_a_hinge_with_limits_that_does_not_jump_stays_beyond_them(scene: Scene) -> None:
+    q = cut_at(np.column_stack([np.zeros(2 * ROWS), swinging()]), -0.2)
+    log = PositionLog(time=DT * np.arange(2 * ROWS), position=q, command=q, joint_names=("axle", "door"))
+    np.testing.assert_array_equal(log.going_on(scene).position, q)
+    assert any("lies far beyond the file's limits" in text for text in _told(lambda: log.check(scene)))
+
+
+def test_states_of_a_hinge_with_limits(scene: Scene) -> None:
+    q = np.column_stack([np.zeros(2 * ROWS), swinging()])
+    v = np.gradient(q, DT, axis=0)
+    cut = cut_at(q, 0.6)
+    with pytest.warns(UserWarning, match="q of joint 'door' jumps by a whole turn in"):
+        found = together({"a": states(cut, v)}, scene)
+    np.testing.assert_allclose(found.q, states(q, v).q, atol=1e-9)
+    np.testing.assert_allclose(found.q_next, states(q, v).q_next, atol=1e-9)
+
+
+def test_an_import_of_a_hinge_with_limits(scene: Scene, tmp_path: Path) -> None:
+    q = swinging()
+    cut = cut_at(np.column_stack([q, q]), 0.6)[:, 1]
+    names = ("axle.position", "door.position", "axle.command", "door.command")
+    rows = np.column_stack([DT * np.arange(len(q)), np.zeros(len(q)), cut, np.zeros(len(q)), cut])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header=",".join(("time", *names)), comments="")
+    found = import_logs([tmp_path / "log.csv"], scene, Options(kind="positions"))
+    assert isinstance(found.log, PositionLog)
+    np.testing.assert_allclose(found.log.position[:, 1], q, atol=1e-6)
+    np.testing.assert_allclose(found.log.command[:, 1], q, atol=1e-6)
+    assert any("door.position goes on where it jumped by a whole turn" in note for note in found.notes)
 
 
 def test_errors_are_not_of_whole_turns(scene: Scene) -> None:

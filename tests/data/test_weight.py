@@ -10,6 +10,8 @@ import pytest
 
 from cmbrl.data.importing import Options, import_logs
 from cmbrl.data.plausible import of_positions
+from cmbrl.data.plausible.motion import of_positions as of_positions_motion
+from cmbrl.data.plausible.weight import untold
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
@@ -55,6 +57,16 @@ def test_torques_without_the_weight_are_told(mass: float, speed: float) -> None:
     time, position, torque = record(mass, speed)
     assert not warned(scene, time, position, torque)
     assert warned(scene, time, position, torque - holding_forces(scene.core, position))
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1e-3, "multiplied by 1000"), (-1.0, "negated: check its sign")])
+def test_torques_in_another_unit_or_of_another_sign_are_told_as_such(factor: float, told: str) -> None:
+    scene = Scene.from_mjcf(ARM.format(mass=2.0, rub=0.0))
+    time, position, torque = record(2.0, 0.5)
+    log = PositionLog(time=time, position=position, command=factor * torque, joint_names=NAMES, command_kind="torque")
+    found = [one.text for one in untold(of_positions_motion(log, scene), scene)]
+    assert len(found) == 1
+    assert f"torque holds what the links weigh by the file if it is {told}" in found[0]
 
 
 def test_an_arm_that_swings_without_torques_is_none_of_them() -> None:

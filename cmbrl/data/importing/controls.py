@@ -18,6 +18,13 @@ def undriven(keys: set[Key], scene: Scene) -> str | None:
         sources = [key for key, _ in _sources(scene, a)]
         if not any(key in keys for key in sources):
             own = f", or its control by COLUMN={name}.control" if len(sources) > 1 else ""
+            joint, quantity = sources[-1]
+            if quantity == "command" and (joint, "torque") in keys:  # mapped as the command, it would be a target
+                return (
+                    f"no column for actuator {name!r}, a servo of the file, and torques of {joint!r}: give --as "
+                    f"positions, which drives it by these torques, or map its target by --map COLUMN={joint}.command"
+                    f"{own}"
+                )
             return f"no column for actuator {name!r}: map one by --map COLUMN={'.'.join(sources[-1])}{own}"
     return None
 

@@ -12,7 +12,7 @@ from cmbrl.data.importing.grid import Counts, Key, Series, clean
 from cmbrl.data.importing.lost import VELOCITIES, believable, without_lost
 from cmbrl.data.importing.recording import Recording, Table
 from cmbrl.data.importing.targets import Target
-from cmbrl.data.turns import within_a_turn
+from cmbrl.data.turns import Hinge, going_on, hinges
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 
@@ -84,7 +84,8 @@ def _of_table(
     where: str, table: Table, time: np.ndarray, targets: Mapping[str, Target], scene: Scene, counts: Counts
 ) -> Iterator[tuple[Key, Series]]:
     single, floating = joints_of(scene)
-    turning = {joint.name for joint in single if joint.hinge and not joint.limited}
+    known = hinges(scene)
+    turning = {joint.name: known[joint.vadr] for joint in single if joint.hinge}
     named = {targets[column].key: column for column in table.columns if column in targets}
     for joint in floating:
         parts = [named.pop((joint.name, name), None) for name in TURN]
@@ -103,10 +104,14 @@ def _of_table(
         target = targets[column]
         values = table.columns[column].astype(np.float64)[:, None] * target.factor + target.zero
         one = clean(column, where, time, values, "held" if quantity in HELD else "line", counts)
-        if quantity == "position" and owner in turning and within_a_turn(one.values):
-            whole = np.unwrap(one.values, axis=0)
-            counts.turns[column] = counts.turns.get(column, 0) + int(
-                (np.abs(np.diff(one.values - whole, axis=0)) > 1).sum()
-            )
-            one = Series(one.time, whole, one.kind)
+        if owner in turning and (quantity == "position" or (quantity == "command" and turning[owner].limited)):
+            one = _going_on(column, one, turning[owner], counts)
         yield key, one if quantity in VELOCITIES else without_lost(column, one, counts)
+
+
+def _going_on(column: str, one: Series, hinge: Hinge, counts: Counts) -> Series:
+    """The series of a column of angles with whole turns added where it begins again after one."""
+    whole = going_on(one.values[:, 0], np.zeros(len(one.time)), hinge)[:, None]
+    jumps = int((np.abs(np.diff(one.values - whole, axis=0)) > 1).sum())
+    counts.turns[column] = counts.turns.get(column, 0) + jumps
+    return Series(one.time, whole, one.kind)

@@ -25,6 +25,7 @@ from cmbrl.data.plausible import (
     ranges,
     readings,
     still,
+    targets,
     units,
     weight,
 )
@@ -53,6 +54,7 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     """All faults of transitions, the most telling first."""
     yield from ranges.of_transitions(log, scene)
     found = motion.of_transitions(log, scene)
+    yield from targets.as_forces(found, scene)
     yield from _of_motion(found)
     yield from still.turned(log["q"], found.blocks, scene)
     yield from readings.angular(log, scene)
@@ -70,6 +72,7 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     yield from base.of_positions(log, scene)
     yield from ranges.of_positions(log, scene)
     found = motion.of_positions(log, scene)
+    yield from targets.as_forces(found, scene)
     yield from _of_motion(found)
     yield from weight.untold(found, scene)
     yield from overlap.of_positions(log, scene)

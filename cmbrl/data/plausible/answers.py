@@ -14,6 +14,7 @@ AT_STOP = 0.02  #: share of a joint's range on either side of a limit where the 
 HIDES = 0.67  #: share of the variance that commands leave of an acceleration
 USUAL = 20.0  #: times the median
 SLOW = 0.05  #: [s] over which the noise of encoders is small beside what torques do
+LATE = 5  #: of it that commands may be late by, which are tried
 STRIDE = 4  #: samples over which accelerations are taken from positions alone
 Responses = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
@@ -136,10 +137,16 @@ def steered(motion: Motion, chosen: list[int]) -> bool:
 
 
 def slowly(motion: Motion, chosen: list[int]) -> np.ndarray:
-    """How surely joints (m,) answer to their own commands over SLOW, by positions alone: slopes in standard errors.
+    """How surely joints answer to their own commands over SLOW, by positions alone: slopes in standard errors (L, m).
 
-    Beside weight, which goes with sines of angles, and friction, which goes with the direction. 0 of too few rows.
+    By how late the commands may act: not at all, and up to SLOW. Beside weight, which goes with sines of angles, and
+    friction, which goes with the direction. 0 of too few rows.
     """
+    late = np.unique(np.linspace(0, max(1, round(SLOW / motion.dt)), LATE).astype(int))
+    return np.array([_slowly(motion.later(by), chosen) for by in late.tolist()])
+
+
+def _slowly(motion: Motion, chosen: list[int]) -> np.ndarray:
     at = [motion.drivers[m].coordinate for m in chosen]
     u = motion.u[:, chosen] * [np.sign(motion.drivers[m].scale) for m in chosen]
     q, v, y, u = _from_positions(motion, at, u, max(1, round(SLOW / motion.dt)))
@@ -177,19 +184,21 @@ def _from_positions(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Positions and velocities of all coordinates, second differences of those ``at`` that commands drive, commands.
 
-    Over some samples, by block.
+    Over some samples, by block. Positions and velocities are told by the samples
+    beside those of the differences, whose noise a command that goes with the state would seem to explain.
     """
     parts = []
     weights = np.concatenate([np.arange(1, stride + 1), np.arange(stride - 1, 0, -1)]) / stride**2
     for block in motion.blocks:
         x, force = motion.now[block], u[block]
-        if len(x) <= 2 * stride:
+        if len(x) <= 2 * stride + 2:
             continue
-        first, middle, last = x[: -2 * stride], x[stride:-stride], x[2 * stride :]
-        mean = sum(w * force[k + 1 : len(force) - 2 * stride + k + 1] for k, w in enumerate(weights))
+        before, after, inside = x[: -2 * stride - 2], x[2 * stride + 2 :], x[1:-1]
+        first, middle, last = inside[: -2 * stride], inside[stride:-stride], inside[2 * stride :]
+        mean = sum(w * force[k + 2 : len(force) - 2 * stride + k] for k, w in enumerate(weights))
         rows = slice(None, None, stride)
         bent = (last - 2 * middle + first)[rows][:, at]
-        parts.append((first[rows], (middle - first)[rows], bent, np.asarray(mean)[rows]))
+        parts.append((before[rows], (after - before)[rows] / 2, bent, np.asarray(mean)[rows]))
     if not parts:
         every, driven = np.zeros((0, motion.now.shape[1])), np.zeros((0, len(at)))
         return every, every, driven, driven

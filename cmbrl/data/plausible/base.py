@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.readings import ORDERS
-from cmbrl.data.plausible.still import LONG, MEANT
+from cmbrl.data.plausible.still import LONG, MEANT, loud
 from cmbrl.scene.records import WORLD, JointKind
 
 if TYPE_CHECKING:
@@ -17,7 +18,8 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 STRIDE = 0.1  #: [s] over which accelerations are taken
-IMPOSSIBLE, USUAL = 200.0, 2.0  #: [m/s^2] of a robot's base, root mean square
+IMPOSSIBLE = 200.0  #: [m/s^2] of a robot's base, root mean square
+LEAST, MOST = 0.1, 20.0  #: the same, as usual
 UNITS = {1e3: "millimetres", 1e2: "centimetres"}
 SAME = 1e-9  #: [m] of a place that does not move, whatever read it in between
 POSES = 20
@@ -43,21 +45,34 @@ def _unit(log: PositionLog) -> Iterator[Finding]:
     place = log.base[:, :3]
     bend = (place[rows + step] - 2 * place[rows] + place[rows - step]) / (step * log.dt) ** 2
     usual = float(np.sqrt((bend**2).sum(axis=1).mean()))
-    factor = min(UNITS, key=lambda factor: abs(np.log(max(usual, 1.0) / factor / USUAL)))
     if usual > IMPOSSIBLE:
-        told = f"{UNITS[factor]} instead of metres? Divide it by {factor:.0f}"
-        yield Finding(f"base_position accelerates by {usual:.3g} m/s^2: {told}")
+        yield Finding(f"base_position accelerates by {usual:.3g} m/s^2: {_unit_of(usual)}")
+
+
+def _unit_of(usual: float) -> str:
+    """The unit in which a base accelerates by ``usual`` [1/s^2]; both where one moves fast, or the other slowly."""
+    likely = [factor for factor in UNITS if LEAST < usual / factor < MOST] or [max(UNITS)]
+    names = " or ".join(UNITS[factor] for factor in likely)
+    divide = " or ".join(f"{factor:.0f}" for factor in likely)
+    return f"{names} instead of metres? Divide it by {divide}"
 
 
 def _stuck(log: PositionLog) -> Iterator[Finding]:
     assert log.base is not None
     still = (np.abs(np.diff(log.base, axis=0)) < SAME).all(axis=1) & (np.diff(log.episode) == 0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
+    ends = np.flatnonzero(np.diff(log.episode)) + 1
+    blocks = [slice(*pair) for pair in pairwise([0, *ends.tolist(), len(log)])]
     for begin, end in edges.reshape(-1, 2).tolist():
-        if end - begin >= LONG and np.ptp(log.position[begin : end + 1], axis=0).max(initial=0.0) > MEANT:
+        if end - begin < LONG:
+            continue
+        run = slice(begin, end + 1)
+        moves = np.ptp(log.position[run], axis=0).max(initial=0.0) > MEANT
+        if moves or any(loud(x, blocks, run) for x in log.base.T):
+            cause = "while joints move" if moves else "without the noise that they have elsewhere"
             yield Finding(
-                f"base_position and base_quaternion are constant from row {begin} to {end} while joints move: did the "
-                "capture lose its markers? Leave these rows out, or give the parts as episodes"
+                f"base_position and base_quaternion are constant from row {begin} to {end} {cause}: did the capture "
+                "lose its markers? Leave these rows out, or give the parts as episodes"
             )
             return
 

@@ -15,6 +15,7 @@ FOLLOWS = 0.5  #: correlation of a position with its target
 NEAR_BEST = 0.1  #: of a correlation: joints that move alike follow each other's targets as well
 SIGNIFICANT = 10.0  #: standard errors
 _ALSO = 3.0  # the same of positions alone
+_LATE, _MORE = (1, 2, 3), 2.0  # samples that a command may act late by; times as surely as the wrong way
 _LIGHTER = 5.0  # times lighter than by the file
 LONG = 5 * LAG  #: [s] of shorter logs every trend follows every other at some lag
 
@@ -69,6 +70,9 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
     of the command, but of the acceleration, and both look opposed. So a fault has to remain without what noise does,
     and nothing is told where noise is most of what is left. Nor is it of a robot that stands on its feet by commands
     that answer to its state: there the floor pushes back, and joints move with or against their torques by chance.
+
+    Where a command acts some samples late, what the last step tells of it may be most of what it does: over SLOW joints
+    move by it all the same.
     """
     chosen = [m for m, driver in enumerate(motion.drivers) if not driver.position or motion.v_now is not None]
     best = np.nan_to_num(answers[0])
@@ -84,21 +88,29 @@ def forces(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -
         without = fitted[0] - 2.0 * of_noise(motion, chosen), *fitted[1:]  # noise may be most of what a command tells
         remain = _faults(motion, chosen, best, follows, without)
         swapped, wrong = [x for x in swapped if x in remain[0]], [x for x in wrong if x in remain[1]]
-    slow = slowly(motion, chosen) if wrong else np.zeros(len(chosen))
+    slow = slowly(motion, chosen) if wrong else np.zeros((1, len(chosen)))
     yield from (_pair(motion, chosen[i], chosen[j]) for i, j in swapped)
     for i in wrong:
         m, ratio = chosen[i], fitted[0][i, i] / fitted[1][i, i]
         joint = motion.coordinates[motion.drivers[m].coordinate].name
         light = abs(fitted[0][i, i]) > _LIGHTER * motion.drivers[m].push * motion.dt
-        if light and slow[i] > _ALSO:
+        if motion.v_now is None and slow[0, i] > -SIGNIFICANT:  # over few samples a coarse encoder tells its counts
             continue
-        sure = not light or bool(slow[i] < -_ALSO)
+        if (light and slow[:, i].max() > max(_ALSO, -slow[:, i].min())) or _later(motion, chosen, i) > -_MORE * ratio:
+            continue
+        sure = not light or bool(slow[0, i] < -_ALSO)
         cause = "; negate one of the two columns" if sure else "? Or does the torque answer to noise? The fit decides"
         yield Finding(
             f"{motion.command_of(m)} pushes joint {joint!r} the wrong way ({ratio:.0f} standard errors): a sign error "
             f"in {motion.command}, or in its positions{cause}",
             sure=sure,
         )
+
+
+def _later(motion: Motion, chosen: list[int], i: int) -> float:
+    """How surely, in standard errors, joint ``i`` moves by its own command some samples late."""
+    found = [responses(motion.later(by), chosen) for by in _LATE]
+    return max((float(one[0][i, i] / one[1][i, i]) for one in found if one is not None), default=0.0)
 
 
 def _faults(

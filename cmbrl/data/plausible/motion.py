@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -13,7 +13,7 @@ import numpy as np
 from cmbrl.data.drive import law_of
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
-from cmbrl.data.turns import within_a_turn
+from cmbrl.data.turns import TURN, whole, within_a_turn
 from cmbrl.scene import kinematics
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind
@@ -50,6 +50,7 @@ class Driver:
     low: float  #: bounds of the file on u
     high: float
     pace: bool = False  #: a target of a velocity servo, which is a force as well
+    strength: float = 1.0  #: [N m, N per unit of u] by the file, of a force
     push: float = np.inf  #: [m/s^2, rad/s^2 per unit of u] by the file, at qpos0, if nothing else pushes
 
 
@@ -77,14 +78,19 @@ class Motion:
     def change(self) -> np.ndarray:
         """(R, n) change of position from one sample to the next, without whole turns of hinges that stay within one."""
         step = self.after - self.now
-        turning = np.array(
-            [
-                one.hinge and not np.isfinite(one.low) and within_a_turn(self.now[:, k], self.after[:, k])
-                for k, one in enumerate(self.coordinates)
-            ],
-            dtype=bool,
-        )
-        return step - 2 * np.pi * np.round(step / (2 * np.pi)) * turning
+        for k in np.flatnonzero(self.wraps):
+            step[:, k] -= TURN * whole(step[:, k], np.isfinite(self.coordinates[k].low))
+        return step
+
+    @cached_property
+    def wraps(self) -> np.ndarray:
+        """Which coordinates (n,) are hinges whose angle begins again after a whole turn."""
+        columns = zip(self.coordinates, self.now.T, self.after.T, strict=True)
+        return np.array([one.hinge and _wraps(now, after, np.isfinite(one.low)) for one, now, after in columns], bool)
+
+    def later(self, by: int) -> Motion:
+        """The same with the commands of ``by`` rows before."""
+        return self if not by else replace(self, u=np.concatenate([np.repeat(self.u[:1], by, axis=0), self.u[:-by]]))
 
     def position_of(self, k: int) -> str:
         """The position column of coordinate k, for messages."""
@@ -104,7 +110,10 @@ class Motion:
         Entry (a, b) is target a against the coordinate of target b. The slope is that of positions over targets at the
         best lag. NaN where either rests, or the command is a force. Means of blocks do not count.
         """
-        servos = [m for m, driver in enumerate(self.drivers) if driver.position or driver.pace]
+        return self.following([m for m, driver in enumerate(self.drivers) if driver.position or driver.pace])
+
+    def following(self, servos: list[int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The same of ``servos`` alone, as if they were targets, whatever they are."""
         size = len(self.drivers)
         best, worst, slope = np.full((3, size, size), np.nan)
         targets = self.u[:, servos] * [self.drivers[m].scale for m in servos]
@@ -125,6 +134,10 @@ class Motion:
             worst[at] = -np.nan_to_num(-all_r, nan=-2.0).max(axis=0)
             slope[at] = np.take_along_axis(slopes, np.abs(np.nan_to_num(all_r)).argmax(axis=0)[None], axis=0)[0]
         return best, worst, slope
+
+
+def _wraps(now: np.ndarray, after: np.ndarray, limited: bool) -> bool:
+    return len(now) > 0 and within_a_turn(now, after) and bool(whole(after - now, limited).any())
 
 
 def white_noise(parts: Iterable[np.ndarray]) -> np.ndarray:
@@ -230,7 +243,8 @@ def _drivers(
         paced = position is None and law_of(scene, a)[0] == "velocity"
         scale = 1.0 / gear if paced else scale
         name = scene.actuator_names[a]
-        push = float(abs(gear * gain) * core.line_invweight[line])
-        drivers.append(Driver(name, place[line], servo, float(scale), float(low), float(high), paced, push))
+        push, strength = float(abs(gear * gain) * core.line_invweight[line]), 1.0 if position is False else gear * gain
+        bounds = float(low), float(high)
+        drivers.append(Driver(name, place[line], servo, float(scale), *bounds, paced, float(strength), push))
         used.append(column)
     return tuple(drivers), used

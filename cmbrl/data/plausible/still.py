@@ -42,7 +42,7 @@ def stuck(motion: Motion) -> Iterator[Finding]:
             command, sure = motion.command_of(driven[k]), _would_move(motion, driven[k], run)
             cause = "a stuck sensor?" if sure else "a joint that sticks, or a stuck sensor?"
             yield Finding(f"{motion.position_of(k)} is constant {where} while {command} moves: {cause}", sure=sure)
-        elif (k not in driven or np.ptp(motion.u[run, driven[k]]) > 0) and _loud(motion.now[:, k], motion.blocks, run):
+        elif (k not in driven or np.ptp(motion.u[run, driven[k]]) > 0) and loud(motion.now[:, k], motion.blocks, run):
             # without a command that goes on: see ``joined``
             yield Finding(
                 f"{motion.position_of(k)} is constant {where}, without the noise that it has elsewhere: a stuck sensor?"
@@ -130,7 +130,7 @@ def _would_move(motion: Motion, m: int, run: slice) -> bool:
     return bool(driver.position or strong or (len(elsewhere) and np.ptp(elsewhere) > MEANT))
 
 
-def _loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
+def loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
     """Whether the sensor of ``x`` (R,) shows noise outside of ``run``, of which no joint's rest is free.
 
     Third differences of noise alternate, with a correlation of -3/4; those of smooth motion go on. The calmest
@@ -172,7 +172,7 @@ def turned(q: np.ndarray, blocks: Iterable[slice], scene: Scene) -> Iterator[Fin
             continue
         turn = q[:, joint.qadr : joint.qadr + 4]
         run = _longest(_runs(np.cumsum(np.r_[False, (np.diff(turn, axis=0) != 0).any(axis=1)])))
-        if run is not None and any(_loud(x, blocks, run) for x in turn.T[1:]):
+        if run is not None and any(loud(x, blocks, run) for x in turn.T[1:]):
             name = scene.joint_names[joint.source]
             yield Finding(
                 f"the quaternion of {name} is constant from row {run.start} to {run.stop - 1}, without the noise that "

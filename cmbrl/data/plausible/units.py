@@ -39,7 +39,7 @@ def beyond_limits(motion: Motion) -> Iterator[Finding]:
     """Positions far beyond the limits of the file, and within them in another unit."""
     for k, coordinate in enumerate(motion.coordinates):
         low, high = coordinate.low, coordinate.high
-        if not np.isfinite(low) or not np.isfinite(high):
+        if not np.isfinite(low) or not np.isfinite(high) or motion.wraps[k]:
             continue
         q = motion.now[:, k]
         reach, bound, room = np.abs(q).max(initial=0.0), max(abs(low), abs(high)), 0.1 * (high - low)
@@ -64,7 +64,7 @@ def mirrored(motion: Motion) -> Iterator[Finding]:
     """
     for k, coordinate in enumerate(motion.coordinates):
         q, low, high = motion.now[:, k], coordinate.low, coordinate.high
-        if _mirrored(q, low, high):
+        if _mirrored(q, low, high) and not motion.wraps[k]:
             yield Finding(
                 f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g} where the file's limits are "
                 f"{low:.3g} and {high:.3g}: does it count the other way, or from another zero? Give --map "
@@ -81,7 +81,7 @@ def past_stops(motion: Motion) -> Iterator[Finding]:
     for k, coordinate in enumerate(motion.coordinates):
         q, low, high = motion.now[:, k], coordinate.low, coordinate.high
         share = _beyond(q, low, high)
-        if share > PAST and not _mirrored(q, low, high):
+        if share > PAST and not _mirrored(q, low, high) and not motion.wraps[k]:
             yield Finding(
                 f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g}, and in {100 * share:.0f} % of the "
                 f"samples lies far beyond the file's limits {low:.3g} and {high:.3g}: in simulation a stop holds what "
@@ -148,10 +148,13 @@ def velocities(motion: Motion) -> Iterator[Finding]:
             "error; negate one of the two columns"
         )
     found = {int(k): told for k in np.flatnonzero(own > AGREES) if (told := _unit(motion, int(k), ratio[k], own[k]))}
+    kinds = {motion.coordinates[k].hinge for k in np.flatnonzero(own > AGREES)}
+    rate = list(_rate(motion, own, ratio, moving))
+    if rate and (len(kinds) > 1 or not found):  # what hinges and slides share is of time
+        yield from rate
+        return
     for told in found.values():
         yield Finding(told)
-    if not found:
-        yield from _rate(motion, own, ratio, moving)
 
 
 def _unit(motion: Motion, k: int, ratio: float, r: float) -> str | None:
@@ -200,8 +203,8 @@ def turns(motion: Motion) -> Iterator[Finding]:
     """
     for k, coordinate in enumerate(motion.coordinates):
         step = motion.after[:, k] - motion.now[:, k]
-        jumps = np.abs(step - motion.change[:, k]) > 1
-        if coordinate.hinge and jumps.any():
+        if motion.wraps[k]:
+            jumps = np.abs(step - motion.change[:, k]) > 1
             yield Finding(
                 f"{motion.position_of(k)} jumps by a whole turn in {int(jumps.sum())} rows, first in row "
                 f"{np.flatnonzero(jumps)[0]}: read as an angle that goes on",

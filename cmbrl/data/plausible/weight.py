@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 _APART, _MOST, _LEAST = 0.02, 2000, 100  # [s] between the samples that tell accelerations; most and least of them
 _LOADED = 0.3  # of the largest usual weight: where joints carry less, what accelerates them hides it
 _FACTORS = np.geomspace(0.4, 2.5, 15)  # by which the masses of the file may be wrong
+_UNITS = {
+    1e3: "it is multiplied by 1000: check its unit",
+    1e-3: "it is divided by 1000: check its unit",
+    -1.0: "it is negated: check its sign, or is the robot mounted upside down?",
+}
 _MOVES = 0.02  # of the largest speed
 _UNEXPLAINED, _BETTER = 0.5, 0.5  # of the weight, with it; times that, without it
 
@@ -35,11 +40,7 @@ def untold(motion: Motion, scene: Scene) -> Iterator[Finding]:
     size, rows = max(1, round(_APART / motion.dt)), _rows(motion)
     if not _arm(motion, scene) or len(rows) < _LEAST:
         return
-    q = np.zeros((3, len(rows), scene.nq))
-    address = {joint.vadr: joint.qadr for joint in scene.joints}
-    places = [address[coordinate.dof] for coordinate in motion.coordinates]
-    for k, other in enumerate((-size, 0, size)):
-        q[k][:, places] = motion.now[rows + other]
+    q = np.array([_poses(motion, motion.now[rows + other], scene) for other in (-size, 0, size)])
     apart = size * motion.dt
     speed = scene.difference(q[0], q[2]) / (2.0 * apart)
     x = kinematics.centres(scene.core, q)
@@ -52,17 +53,42 @@ def untold(motion: Motion, scene: Scene) -> Iterator[Finding]:
     if not usual.any():
         return
     loaded = np.flatnonzero(usual > _LOADED * usual.max())
+    weighed = (moving + weight)[:, loaded] / usual[loaded]
     with_it, without = (
-        _unexplained(forces[:, loaded] / usual[loaded], torque[:, loaded] / usual[loaded], speed[:, loaded])
-        for forces in (moving + weight, moving)
+        _unexplained(forces, torque[:, loaded] / usual[loaded], speed[:, loaded])
+        for forces in (weighed, moving[:, loaded] / usual[loaded])
     )
-    if with_it > _UNEXPLAINED and without < _BETTER * with_it:
+    if not (with_it > _UNEXPLAINED and without < _BETTER * with_it):
+        return
+    other = {
+        told: _unexplained(weighed, factor * torque[:, loaded] / usual[loaded], speed[:, loaded])
+        for factor, told in _UNITS.items()
+    }
+    best = min(other, key=lambda told: other[told])
+    if other[best] < _BETTER * with_it:
+        yield Finding(f"{motion.command} holds what the links weigh by the file if {best}", sure=False)
+    else:
         yield Finding(
             f"{motion.command} holds none of what the links weigh by the file: a driver that compensates gravity tells "
             "torques without it. Import with --gravity-compensated to add the weight by the file, or check the file's "
             "gravity and how the robot is mounted",
             sure=False,
         )
+
+
+def held(motion: Motion, scene: Scene) -> np.ndarray | None:
+    """What the links weigh by the file at each row (R, nv); None where the log does not tell all of a pose."""
+    if len(motion.coordinates) != scene.nv:
+        return None
+    return np.asarray(kinematics.holding_forces(scene.core, _poses(motion, motion.now, scene)))
+
+
+def _poses(motion: Motion, places: np.ndarray, scene: Scene) -> np.ndarray:
+    """Configurations (R, nq) of all joints at ``places`` (R, n)."""
+    address = {joint.vadr: joint.qadr for joint in scene.joints}
+    q = np.zeros((len(places), scene.nq))
+    q[:, [address[coordinate.dof] for coordinate in motion.coordinates]] = places
+    return q
 
 
 def _arm(motion: Motion, scene: Scene) -> bool:
@@ -85,10 +111,7 @@ def _torques(motion: Motion, scene: Scene, rows: np.ndarray, size: int) -> np.nd
     sums = np.vstack([np.zeros((1, motion.u.shape[1])), np.cumsum(motion.u, axis=0)])
     mean = (sums[rows + size] - sums[rows - size]) / (2 * size)
     for m, driver in enumerate(motion.drivers):
-        place = scene.layout.actuator(scene.actuator_names.index(driver.name))
-        gear, gain = scene.core.P[place : place + 2]
-        factor = 1.0 if motion.command == "torque" else gear * gain
-        found[:, motion.coordinates[driver.coordinate].dof] += factor * mean[:, m]
+        found[:, motion.coordinates[driver.coordinate].dof] += driver.strength * mean[:, m]
     return found
 
 

@@ -20,9 +20,10 @@ from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.log.doubts import MOST, Doubt, Misread, of_columns, of_turns
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.fitting.log.horizons import LEAST_WINDOWS, horizons_of
+from cmbrl.fitting.log.holding import losses_of_holding
+from cmbrl.fitting.log.horizons import checked_over
 from cmbrl.fitting.search.beginning import beginning
-from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
+from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
@@ -33,7 +34,6 @@ from cmbrl.scene.records import Joint, JointKind, TieKind
 _BADLY = 0.2  # of the loss of holding: what the file explains better is not in doubt
 _CLEARLY = 0.8  # of the file's loss by the columns as they are
 _SURELY = 0.33  # of that loss after a fit of all parameters both ways, and of holding
-_AHEAD = 10  # steps of states
 _ROWS = 3000
 _SCREENED = 24  # windows that drop a doubt under which they are predicted no better: many joints make a hundred doubts
 
@@ -65,7 +65,7 @@ class ColumnsCheck:
 
     def finding(self) -> Finding | None:
         """The column that is wrong; None where all parameters explain the log as it is about as well."""
-        horizon, space = self._horizon(), self.evidence.space
+        horizon, space = checked_over(self.evidence), self.evidence.space
         joints, turns = self._unconfirmed(), self._told(ball=True)
         if horizon is None or not (joints or turns):
             return None
@@ -101,13 +101,6 @@ class ColumnsCheck:
         if not there < effort.share * self._loss_of_holding(horizon, rows)[touched].sum():
             return False
         return bool(there < effort.share * self._fitted(self._loss(horizon, rows=rows), effort)[touched].sum())
-
-    def _horizon(self) -> int | None:
-        """Steps that predictions are compared over; None of a log that is too short."""
-        if self.evidence.positions_only:
-            return horizons_of(self.evidence, "auto")[0]
-        long = [h for h in range(_AHEAD, 1, -1) if len(windows_in_blocks(self.evidence.log, h)) >= LEAST_WINDOWS]
-        return long[0] if long else None
 
     def _told(self, ball: bool = False) -> list[Joint]:
         """Hinges and slides of the log, but those of a floating base; or what turns by a quaternion, a base as well.
@@ -165,14 +158,9 @@ class ColumnsCheck:
 
     def _loss_of_holding(self, horizon: int, rows: int = _ROWS) -> np.ndarray:
         """That (nv,) of predicting that nothing moves, or all goes on as it does, whichever is less."""
-        log, loss, difference = self.evidence.log, self._loss(horizon, rows=rows), self.evidence.model.scene.difference
-        starts = loss.windows.starts
-        within, v = starts[:, None] + np.arange(horizon), log.v[starts][:, None]
-        moved = -difference(log.q_next[within], log.q[starts][:, None])
-        held = log.dt * v * np.arange(1.0, horizon + 1.0)[:, None]
-        scales = loss.windows.scales.q
-        each = [huber((moved - guess) / scales, self.huber).mean(axis=(0, 1)) for guess in (0.0, held)]
-        return np.where(np.isfinite(scales), np.minimum(*each), np.inf)
+        windows = self._loss(horizon, rows=rows).windows
+        losses = losses_of_holding(self.evidence, windows, self.huber).min(axis=0)
+        return np.where(np.isfinite(windows.scales.q), losses, np.inf)
 
     def _fitted(self, loss: PredictionLoss, effort: _Effort) -> np.ndarray:
         """Losses (nv,) after a short fit of all parameters."""

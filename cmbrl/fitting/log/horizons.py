@@ -22,6 +22,7 @@ LEAST_WINDOWS = 40  # of a horizon, to fit and to judge
 _LONGER, _NOISY_AHEAD = (50, 100, 200), 0.3  # of noisy logs besides; [s]: what is fast is over, and noise is small
 _POSITIONS_AHEAD = 0.5  # [s]: several time constants of a position servo
 _FLOATING_AHEAD, _ROLLING_AHEAD = 0.2, 0.4  # [s]
+_CHECKED_AHEAD, _CHECKED_STEPS = 0.1, 10  # [s]: shorter steps of states are noise; and steps, at least
 _STEADY = 1.5  # times as far as a drift would part them, or less
 _SHARES = (1, 2, 4)  # of the steps: all, a half, a quarter
 _LITTLE = 0.1  # of the change, that noise may grow to
@@ -52,6 +53,14 @@ def horizons_of(evidence: Evidence, asked: int | str) -> tuple[int, ...]:
     if on_wheels:
         return (told_of_rolling(evidence, longest),)
     return (longest if floats else told_by_model(evidence, longest),)
+
+
+def checked_over(evidence: Evidence) -> int | None:
+    """How many steps ahead a log is predicted to tell whether it is right; None of a log that is too short."""
+    if evidence.positions_only:
+        return horizons_of(evidence, "auto")[0]
+    most = max(_CHECKED_STEPS, round(_CHECKED_AHEAD / evidence.log.dt))
+    return next((h for h in range(most, 1, -1) if len(windows_in_blocks(evidence.log, h)) >= LEAST_WINDOWS), None)
 
 
 def judged_over(evidence: Evidence) -> tuple[int, ...]:
