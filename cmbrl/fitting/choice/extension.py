@@ -10,7 +10,7 @@ clearly better then. What is compared weighs it alike: a lesser weight is no gai
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ _FORECAST = (*GAINS, AHEAD, LEAD, INTEGRAL, TILT, ZERO, "friction_slope")
 #: tried on positions: held, or in no file
 LAWS = (*GAINS, AHEAD, LEAD, INTEGRAL, TILT, *drives.GROUPS, ZERO, "friction_slope", "stribeck")
 _WITH = {INTEGRAL: (INTEGRATED,)}  # what a law needs besides
+_RIVAL = {INTEGRAL: ZERO}  # a simpler law, which is what a law needs besides by itself: it has to gain over that
 _AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried
 _WRONG = 0.3  # of the loss, by which it falls with a gain that the log tells wrongly
 _OF_A_LAW = 0.1  # of the loss, at least: several are tried, and each holds where no log has been
@@ -69,7 +70,9 @@ class Extension(Trials):
             found: dict[str, Trial] = {}
             for law in self._hopeful(incumbent, laws, before):
                 tried = self._law(incumbent, law, before)
-                if tried is not None and self._helps(tried, before, law):
+                if tried is None or not self._helps(tried, before, law):
+                    continue
+                if self._beats_rival(incumbent, tried, law, laws, before):
                     found[law] = tried
                     if tried.errors.mean < _AT_ONCE * before.mean:  # no other explains as much
                         break
@@ -96,6 +99,14 @@ class Extension(Trials):
         strange = LEAD in groups and not as_controlled(self.loss, self.space.theta(kept.z))
         if strange or (not needed and without.costs_nothing(kept.errors.mean, kept.score, kept.strain)):
             self._accept("remove", " + ".join(groups), without, incumbent)
+
+    def _beats_rival(self, incumbent: Incumbent, trial: Trial, law: str, laws: list[str], before: Errors) -> bool:
+        """Whether a ``law`` gains over its rival, too, if that is among ``laws`` and helps."""
+        rival = _RIVAL.get(law)
+        other = self._law(incumbent, rival, before) if rival in laws else None
+        if rival is None or other is None or not self._helps(other, before, rival):
+            return True
+        return self._helps(replace(trial, gain=trial.gain - other.gain), other.errors, law)
 
     def _helps(self, trial: Trial, before: Errors, law: str = "") -> bool:
         """Whether a law lowers the mean of all or the errors in the typical part of the log, and these do not rise."""
