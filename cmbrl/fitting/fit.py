@@ -109,10 +109,12 @@ def fit(
     wanted = space.default if all_of_them else None if groups is None else space.columns(_names(groups))
     count = fold_count(log, holdout, needed=groups is None and not with_laws)
     draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
-    if evidence.positions_only:
-        RateCheck(evidence, min(horizons), huber, seed).tell()
-    MountCheck(evidence, huber, seed).tell()
-    ColumnsCheck(evidence, huber, seed).tell()
+    checks: list[RateCheck | MountCheck | ColumnsCheck] = []
+    checks += [RateCheck(evidence, min(horizons), huber, seed)] if evidence.positions_only else []
+    checks += [MountCheck(evidence, huber, seed), ColumnsCheck(evidence, huber, seed)]
+    for check in checks:
+        if (found := check.finding()) is not None:
+            found.tell()  # raises where it is sure
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), progress, started)
     journal.by_processor = time_limit is None

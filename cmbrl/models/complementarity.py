@@ -4,38 +4,32 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import torch
 
-from cmbrl.contact.problem import ContactProblem, from_rows
 from cmbrl.contact.smoothing import Smoothing
-from cmbrl.data.unlogged import unlogged
 from cmbrl.errors import UserError
 from cmbrl.models import theta as physical
 from cmbrl.models.activations import Activations
 from cmbrl.models.autograd import check_tensors, differentiable_step
-from cmbrl.models.following import followed
+from cmbrl.models.log_reading import LogReading
 from cmbrl.models.log_windows import LogWindows
 from cmbrl.models.manifold import Coordinates
-from cmbrl.models.observation import Observation
+from cmbrl.models.quantities import Quantities
 from cmbrl.models.step_result import SolverWarning, StepResult
 from cmbrl.models.step_settings import StepSettings, read_config
 from cmbrl.models.stepper import Stepper
 from cmbrl.models.variations import Variations
-from cmbrl.models.wiring import Wiring
 from cmbrl.native import SolverStatus
 from cmbrl.numbers import real_array, switch, whole
 from cmbrl.scene import Scene
 
-if TYPE_CHECKING:
-    from cmbrl.data.transitions import Transitions
-
 FAILED = int(SolverStatus.FAILED)  # an enum's member is slow to look up and to compare with
 
 
-class ComplementarityModel(Variations, LogWindows):
+class ComplementarityModel(Variations, LogWindows, LogReading, Quantities):
     """Next-state model M (v' - v) = h (tau - bias) + J^T x with complementary contact, limits and friction.
 
     Args:
@@ -130,30 +124,6 @@ class ComplementarityModel(Variations, LogWindows):
         """Control step [s]."""
         return self.substeps * self.time_step
 
-    @property
-    def observer(self) -> Observation:
-        """What may lie between a log of this model's control step and its state."""
-        return Observation.of(self.scene, self.dt, self.activations, self.time_step)
-
-    @property
-    def wiring(self) -> Wiring | None:
-        """The same for a process that runs on this model; None if there is nothing between."""
-        observer, sets = self.observer, self.candidates
-        more = sets if sets is not None and sets.shape[1] > len(self.parameters) else None
-        return Wiring.of(observer, observer.vector(self.observation), self.scene.nq, self.activations, more)
-
-    @property
-    def integral(self) -> np.ndarray | None:
-        """How controls (nu, nq) change with the integral of positions [1/s]; None where no servo integrates."""
-        return self.observer.integral(self.observer.vector(self.observation), self.scene.nq)
-
-    def seen(self, log: Transitions) -> Transitions:
-        """``log`` as this model's state and control, with the joints that it does not tell (``following``)."""
-        observer, free = self.observer, unlogged(log, self.scene)
-        psi = observer.split(np.append(self.parameters, observer.vector(self.observation)))[1]
-        state = observer.states(log, psi)
-        return followed(self, state, self.parameters, free) if free else state
-
     def with_parameters(self, theta: np.ndarray) -> ComplementarityModel:
         """The same model with other physical parameters (np,) and without candidates."""
         return ComplementarityModel(self.scene, parameters=theta, **{**self._arguments(), "candidates": None})
@@ -247,33 +217,6 @@ class ComplementarityModel(Variations, LogWindows):
         assert r.jacobian is not None
         nv, first = self.scene.nv, 2 * self.scene.nv + self.scene.inputs
         return r.q_next, r.v_next, r.jacobian[:, :nv, first:], r.jacobian[:, nv:, first:]
-
-    def smooth_dynamics(
-        self, q: np.ndarray, v: np.ndarray, theta: np.ndarray | None = None, contacts: bool = True
-    ) -> dict[str, np.ndarray]:
-        """M (B, nv, nv) with armature, bias (B, nv), gap (B, nc), and rows J (B, nc, 2 or 3, nv): normal, tangents.
-
-        Also length (B, nv + tendons) of what limits and actuators act along; 0 for the coordinates of a ball.
-        ``contacts``: whether gaps and rows are wanted, which are large where many bodies could touch.
-        """
-        q, v, theta = self._arrays(theta, q=q, v=v)
-        return self.stepper.core.dynamics(q, v, theta, self.stepper.options, contacts)
-
-    def contact_problems(
-        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None
-    ) -> list[ContactProblem]:
-        """The contact problem of the first physics step from each state (B, ...).
-
-        Rows: contacts that are not pruned, then joint limits as contacts with mu = 0. M includes armature and implicit
-        damping; b includes the gap term, restitution, and the old velocity under a soft law. Dry joint friction has no
-        row in a contact problem; v_free includes its impulse, taken from this model's own solution. With split damping
-        M is without damping, and the velocity is the one that is damped afterwards. Under the convex law of sliding,
-        the edges of a pyramid are contacts with mu = 0. Torsional and rolling friction are further tangents.
-        """
-        q, v, u, theta = self._arrays(theta, q=q, v=v, u=u)
-        resolution = max(float(np.linalg.norm(self.scene.gravity)), 1e-9) * self.time_step
-        rows = self.stepper.core.rows(q, v, u, theta, self.stepper.options)
-        return from_rows(rows, resolution, self.scene.name)
 
     def reset_failures(self) -> None:
         """Sets ``failures`` to zero."""

@@ -19,7 +19,7 @@ import numpy as np
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
-    from cmbrl.models.complementarity import ComplementarityModel
+    from cmbrl.models.log_reading import LogReading
     from cmbrl.scene.records import Joint
 
 _FORGETS = 0.1  # [s]
@@ -27,7 +27,7 @@ _ROWS = 8  # least, to forget in
 _PARTS = 64  # at most, side by side
 
 
-def followed(model: ComplementarityModel, log: Transitions, theta: np.ndarray, joints: Sequence[Joint]) -> Transitions:
+def followed(model: LogReading, log: Transitions, theta: np.ndarray, joints: Sequence[Joint]) -> Transitions:
     """``log``, the model's state and control, with the hinges and slides ``joints`` as the model has them.
 
     theta: (np,), the model's parameters. A prediction that is not finite begins again from 0.

@@ -19,17 +19,22 @@ if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
 
 
+def ends_of(episode: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """First and last rows (R,) of the episodes of ``rows`` (R,)."""
+    begins = np.append(np.flatnonzero(np.r_[True, np.diff(episode) != 0]), len(episode))
+    block = np.searchsorted(begins, rows, side="right") - 1
+    return begins[block], begins[block + 1] - 1
+
+
 class Lacked:
     """What targets and readings of a log have been apart, with s = 0 at the start of each episode.
 
-    ``reading`` (nu, n): the control that a unit of each position (N, n) of the ``log`` takes the place of, negative.
-    ``last`` (N,): the last row of each row's episode.
+    ``reading`` (nu, n): the control that a unit of each of the positions ``joints`` (n,) takes the place of, negative.
     """
 
-    def __init__(
-        self, log: Transitions, joints: np.ndarray, reading: np.ndarray, first: np.ndarray, last: np.ndarray
-    ) -> None:
-        self.dt, self.u, self.first, self.last = log.dt, log.u, first, last
+    def __init__(self, log: Transitions, joints: np.ndarray, reading: np.ndarray) -> None:
+        self.dt, self.u = log.dt, log.u
+        self.first, self.last = ends_of(log.episode, np.arange(len(log)))
         self.given = self._sum(log.u)
         before, after = (q[:, joints] @ reading.T for q in (log.q, log.q_next))
         self.read = self._sum(0.5 * (before + after)) + 0.5 * log.dt * before  # to the middle of the step, by its start

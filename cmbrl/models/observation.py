@@ -27,9 +27,10 @@ import numpy as np
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models import between
 from cmbrl.models.activations import Activations
+from cmbrl.models.arriving import Arrived, arrived
 from cmbrl.models.between import AHEAD, BIAS, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, ZERO
 from cmbrl.models.integral import Lacked, OwnIntegral
-from cmbrl.models.late import NEXT, late_response
+from cmbrl.models.late import late_response
 from cmbrl.numbers import real
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind, Parameter
@@ -232,35 +233,12 @@ class Observation:
         slope[:, :, place[AHEAD]] = -given[1][:, :, None]
         return given[0] + self.servo @ psi[:biases], slope
 
-    def _given(
-        self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int, summed: bool = False
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Late and filtered commands, with what leads and integrals add, the rates (R, nu) that leads take, and s.
-
-        The first ``count`` (count, R, nu) of: commands, and their derivatives in delay and lag.
-        """
+    def _given(self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int, summed: bool = False) -> Arrived:
+        """Commands at ``psi``, with the first ``count`` of them and of their derivatives; see ``arriving.arrived``."""
         place, nu = self.place, log.u.shape[1]
         lead, integral = np.zeros(nu), np.zeros(nu)
         lead[self.leads], integral[self.integrates] = psi[place[LEAD]], psi[place[INTEGRAL]]
         early = float(psi[place[DELAY]].sum() - psi[place[AHEAD]].sum())
         weights = late_response(early, float(psi[place[LAG]].sum()), self.dt)[:count]
-        begins = np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
-        block = np.searchsorted(begins, np.arange(len(log)), side="right") - 1
-        begin, end = begins[block], begins[block + 1] - 1
-        first, last = begin[rows], end[rows]
-        acted, rate, lacked = np.zeros((3, count, len(rows), nu))
-        changes = np.diff(np.pad(weights, ((0, 0), (0, 1))), axis=1, prepend=0.0) / self.dt
-        rated = bool(lead.any()) or count > 1
-        total = Lacked(log, self.joints_q, self.reading, begin, end) if summed or integral.any() else None
-        for k, (weight, change) in enumerate(zip(np.pad(weights, ((0, 0), (0, 1))).T, changes.T, strict=True), -NEXT):
-            if not (weight.any() or change.any()):
-                continue
-            told = ((rows - k >= first)[:, None] | self.holds) * log.u[np.clip(rows - k, first, last)]
-            acted += weight[:, None, None] * told
-            if rated:
-                rate += change[:, None, None] * told
-            if total is not None:
-                lacked += weight[:, None, None] * total.targets(rows, k)
-        if total is not None:
-            lacked[0] += total.read[rows]
-        return acted + lead * rate + integral * lacked, rate[0], lacked[0]
+        total = Lacked(log, self.joints_q, self.reading) if summed or integral.any() else None
+        return arrived(log, rows, weights, self.holds, lead, integral, total)

@@ -58,11 +58,6 @@ class ColumnsCheck:
     huber: float
     seed: int
 
-    def tell(self) -> None:
-        """Raises UserError for a column that is surely wrong, or warns of it: ``plausible.trusting``."""
-        if (found := self.finding()) is not None:
-            found.tell()
-
     def finding(self) -> Finding | None:
         """The column that is wrong; None where all parameters explain the log as it is about as well."""
         horizon, space = checked_over(self.evidence), self.evidence.space

@@ -35,11 +35,6 @@ class MountCheck:
     huber: float
     seed: int
 
-    def tell(self) -> None:
-        """Raises UserError where the file's gravity is surely another, or warns of it: ``plausible.trusting``."""
-        if (found := self.finding()) is not None:
-            found.tell()
-
     def finding(self) -> Finding | None:
         """The direction in which gravity pulls; None where the file's explains the log about best."""
         horizon, space, size = checked_over(self.evidence), self.evidence.space, self._size

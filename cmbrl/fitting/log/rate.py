@@ -57,11 +57,6 @@ class RateCheck:
             sure,
         )
 
-    def tell(self) -> None:
-        """Raises UserError for a rate that is surely wrong, warns of a likely one."""
-        if (found := self.finding()) is not None:
-            found.tell()
-
     def _loss(self, factor: float) -> PredictionLoss:
         """Of predictions with rows ``factor`` times as far apart."""
         log = self.evidence.log

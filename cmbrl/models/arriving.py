@@ -1,0 +1,57 @@
+"""Commands of a log as they arrive at servos and motors: late, through a lag, with what leads and integrals add."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cmbrl.models.integral import Lacked, ends_of
+from cmbrl.models.late import NEXT
+
+if TYPE_CHECKING:
+    from cmbrl.data.transitions import Transitions
+
+
+class Arrived(NamedTuple):
+    """``commands`` (count, R, nu): what acts in each row, then its derivatives in delay and lag.
+
+    ``rate`` and ``lacked`` (R, nu): its derivatives in leads, and in the gains of integrals.
+    """
+
+    commands: np.ndarray
+    rate: np.ndarray
+    lacked: np.ndarray
+
+
+def arrived(
+    log: Transitions,
+    rows: np.ndarray,
+    weights: np.ndarray,
+    holds: np.ndarray,
+    lead: np.ndarray,
+    integral: np.ndarray,
+    total: Lacked | None,
+) -> Arrived:
+    """What acts in ``rows`` (R,) of the ``log``; ``weights`` (count, taps) of past commands, as ``late`` has them.
+
+    ``holds`` (nu,): servos, which held their first command before an episode. ``lead`` [s] and ``integral`` [1/s]
+    (nu,); ``total``: the integrals of the log, None where none counts.
+    """
+    first, last = ends_of(log.episode, rows)
+    acted, rate, lacked = np.zeros((3, len(weights), len(rows), log.u.shape[1]))
+    weights = np.pad(weights, ((0, 0), (0, 1)))
+    changes = np.diff(weights, axis=1, prepend=0.0) / log.dt
+    rated = bool(lead.any()) or len(weights) > 1
+    for k, (weight, change) in enumerate(zip(weights.T, changes.T, strict=True), -NEXT):
+        if not (weight.any() or change.any()):
+            continue
+        told = ((rows - k >= first)[:, None] | holds) * log.u[np.clip(rows - k, first, last)]
+        acted += weight[:, None, None] * told
+        if rated:
+            rate += change[:, None, None] * told
+        if total is not None:
+            lacked += weight[:, None, None] * total.targets(rows, k)
+    if total is not None:
+        lacked[0] += total.read[rows]
+    return Arrived(acted + lead * rate + integral * lacked, rate[0], lacked[0])
