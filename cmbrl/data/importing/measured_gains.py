@@ -23,6 +23,7 @@ _OUTLIERS = 4.0  # times the usual residual
 _LATE = 4  # samples by which a torque may be older than the target beside it
 _ROWS = 50  # that tell two gains and an offset
 _WINDOW = 5  # samples of a slope
+_FAR = 100.0  # times the largest torque of a motor: another unit
 _APART = 0.15  # of the file's kp, by which a measured one tells something
 
 Episodes = Sequence[Mapping[Key, np.ndarray]]
@@ -45,12 +46,13 @@ class Measured:
 def measured(episodes: Episodes, dt: float, commanded: Commanded, scene: Scene) -> Measured | None:
     """By least squares, torque = kp (target - position) - kd velocity + offset, joint by joint.
 
-    None where some command has no torque beside it. A torque at its limit is left out, and so are impacts. A driver
-    computes torques from the target that it had, which may be some samples old.
+    None where some command has no torque beside it, or the log is short. A torque at its limit is left out, and so are
+    impacts. A driver computes torques from the target that it had, which may be some samples old.
     """
     joints = commanded.joints(scene)
     wanted = [(joint, quantity) for joint in joints for quantity in ("position", "torque")]
-    if commanded.kind != "position" or not joints or any(key not in episodes[0] for key in wanted):
+    rows = sum(len(one[wanted[0]]) for one in episodes) if joints and wanted[0] in episodes[0] else 0
+    if commanded.kind != "position" or rows < 2 * _ROWS or any(key not in episodes[0] for key in wanted):
         return None
     found = [
         _regressed(episodes, dt, joint, key, factor)
@@ -108,6 +110,20 @@ def _motors(commanded: Commanded, scene: Scene) -> bool:
     return any(law_of(scene, a)[0] == "torque" for a in commanded.actuators)
 
 
+def _check_size(episodes: Episodes, joints: Sequence[str], commanded: Commanded, scene: Scene) -> None:
+    """Raises UserError for torques that no motor of the file comes near: of another unit."""
+    core, layout = scene.core, scene.layout
+    for joint, a in zip(joints, commanded.actuators, strict=True):
+        gear, gain = (float(core.P[layout.actuator(a, field)]) for field in ("gear", "gain"))
+        strength = abs(gear) * min(abs(gain) * np.abs(core.act_ctrl[a]).max(), np.abs(core.act_force[a]).max())
+        most = max(float(np.abs(one[joint, "torque"]).max(initial=0.0)) for one in episodes)
+        if most > _FAR * strength > 0.0:
+            raise UserError(
+                f"torques of {joint!r} reach {most:.3g} N m, and its motor gives {strength:.3g} by the file: another "
+                f"unit? Give it by --map COLUMN={joint}.torque:mN m"
+            )
+
+
 def beside(
     gains: dict[str, Any], episodes: Episodes, dt: float, commanded: Commanded | None, scene: Scene
 ) -> tuple[dict[str, Any], list[str]]:
@@ -120,6 +136,7 @@ def beside(
         return gains, []
     joints = commanded.joints(scene)
     if gains["kp"] is None and _motors(commanded, scene):
+        _check_size(episodes, joints, commanded, scene)
         if not found.holds.all():
             lacks = int(np.flatnonzero(~found.holds)[0])
             raise UserError(
