@@ -175,8 +175,10 @@ def main() -> None:
     told = parser.parse_args()
     if not told.file.is_file():
         raise SystemExit(f"hung: {told.file}: no such file")
-    if min(told.every, told.slow) < 1 or not 0.0 <= told.late < 1.0:
-        raise SystemExit("hung: --every and --slow are rows, 1 or more; --late is seconds, 0 to 1")
+    if min(told.every, told.slow) < 1 or not 0.0 <= told.late < 1.0 or not 0.0 <= told.integral < 100.0:
+        raise SystemExit(
+            "hung: --every and --slow are rows, 1 or more; --late is seconds, 0 to 1; --integral 0 to 100 /s"
+        )
     told.folder.mkdir(parents=True, exist_ok=True)
     source, folder = told.file.resolve(), told.folder.resolve()
     model = held(source, folder)

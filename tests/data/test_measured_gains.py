@@ -96,9 +96,7 @@ def test_torques_of_another_kind_are_refused(place: Path, log: dict[str, np.ndar
 
 
 def test_torques_in_another_unit_and_short_logs_tell_no_gains(place: Path, log: dict[str, np.ndarray]) -> None:
-    with pytest.raises(
-        UserError, match=r"torques of 'shoulder' reach .* its motor gives 3 by .*: another unit\?"
-    ):
+    with pytest.raises(UserError, match=r"torques of 'shoulder' reach .* its motor gives 3 by .*: another unit\?"):
         imported(place, {**log, "tau": 1e3 * log["tau"]}, "motor")
     with pytest.raises(UserError, match=r"is a motor, which takes a torque; give the gains"):
         imported(place, {name: x[:40] for name, x in log.items()}, "motor")
