@@ -171,6 +171,19 @@ def test_controls_become_weaker_until_mujoco_does_not_diverge() -> None:
     assert "controls within 10% of their ranges" in lines["step in place"].meaning
 
 
+def test_a_robot_that_mujoco_cannot_throw_is_judged_at_rest() -> None:
+    """Such as one whose base strong damping holds in place, without a step that is implicit in it."""
+    text = """<mujoco><option><flag eulerdamp="disable"/></option><worldbody>
+      <body><joint type="slide" axis="0 1 0" damping="1e9"/><geom size=".1" mass="1"/>
+        <body pos=".3 0 0"><joint name="turn" axis="0 1 0" damping=".1"/>
+          <geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/></body></body></worldbody>
+      <actuator><motor joint="turn" ctrlrange="-1 1"/></actuator></mujoco>"""
+    lines = steps_of(text)
+    assert "MuJoCo itself diverges" in lines["states thrown"].meaning
+    assert lines["step in place, convex"].holds
+    assert not any("step thrown" in name for name in lines)
+
+
 def test_rk4_is_told_with_its_size_and_its_price() -> None:
     """The default steps such files by leapfrog, which is far off at long steps."""
     text = ARM.replace("implicitfast", "RK4").replace('timestep=".002"', 'timestep=".02"')
