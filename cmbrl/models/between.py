@@ -1,4 +1,4 @@
-"""The parameters of what lies between a log and the state of a model (``observation``): their groups and bounds."""
+"""What lies between a log and the state of a model (``observation``): parameters and their bounds, and servos."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower 
 
 
 def of_joints(scene: Scene, joints: Sequence[Joint], served: Sequence[Joint]) -> list[Parameter]:
-    """A bias of the encoder of each of ``joints``; of servos of the ``served``, zeros, and what they had integrated."""
+    """A bias of the encoder of each of ``joints``; of servos of the ``served``, zeros, and what integrals add."""
     found = [_offset(BIAS, scene, joint, _BIAS_BOUND) for joint in joints]
     found += [_offset(ZERO, scene, joint, _BIAS_BOUND, _ZERO_REACH) for joint in served]
     return found + [_offset(INTEGRATED, scene, joint, _INTEGRATED_BOUND) for joint in served]
@@ -44,6 +44,17 @@ def of_commands(dt: float, early: float) -> list[Parameter]:
     return found + [
         Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s", reach=_LATE_REACH) for group in (DELAY, LAG)
     ]
+
+
+def readings(scene: Scene, joints: Sequence[Joint]) -> np.ndarray:
+    """The control (nu, n) that a unit of each of ``joints`` takes the place of, negative; 0 but for servos."""
+    found, layout, values = np.zeros((scene.nu, len(joints))), scene.layout, scene.core.P
+    for column, joint in enumerate(joints):
+        for k in np.flatnonzero(scene.core.act_line == joint.vadr).tolist():
+            gain, feedback = values[layout.actuator(k, "gain")], values[layout.actuator(k, "bias1")]
+            if gain and feedback:
+                found[k, column] = feedback / gain * values[layout.actuator(k)]
+    return found
 
 
 def _offset(group: str, scene: Scene, joint: Joint, bound: float, reach: float = 1.0) -> Parameter:

@@ -27,7 +27,9 @@ def ends_of(episode: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 class Lacked:
-    """What targets and readings of a log have been apart, with s = 0 at the start of each episode.
+    """What targets and readings of a log have been apart, with s = 0 in the mean of each episode.
+
+    So what is to be added to s is what a servo needs in the mean: that hardly depends on how an episode began.
 
     ``reading`` (nu, n): the control that a unit of each of the positions ``joints`` (n,) takes the place of, negative.
     """
@@ -38,11 +40,18 @@ class Lacked:
         self.given = self._sum(log.u)
         before, after = (q[:, joints] @ reading.T for q in (log.q, log.q_next))
         self.read = self._sum(0.5 * (before + after)) + 0.5 * log.dt * before  # to the middle of the step, by its start
+        self.read -= self._mean(self.given + self.read)
 
     def _sum(self, x: np.ndarray) -> np.ndarray:
         """Of ``x`` (N, nu), the integral from the start of the episode to the start of each row."""
         total = self.dt * (np.cumsum(x, axis=0) - x)
         return np.asarray(total - total[self.first])
+
+    def _mean(self, x: np.ndarray) -> np.ndarray:
+        """Of ``x`` (N, nu), the mean of its episode in each row."""
+        total = np.concatenate([np.zeros_like(x[:1]), np.cumsum(x, axis=0)])
+        count = self.last + 1 - self.first
+        return np.asarray((total[self.last + 1] - total[self.first]) / count[:, None])
 
     def targets(self, rows: np.ndarray, back: int) -> np.ndarray:
         """The integral (R, nu) of commands ``back`` steps late, to the middle of the step of each of ``rows``.

@@ -35,7 +35,9 @@ class LogReading(ABC):
         """Control step [s]."""
 
     @abstractmethod
-    def predict(self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None) -> StepResult:
+    def predict(
+        self, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray | None = None, jacobian: bool = False
+    ) -> StepResult:
         """One control step."""
 
     @property
@@ -57,7 +59,9 @@ class LogReading(ABC):
 
     def seen(self, log: Transitions) -> Transitions:
         """``log`` as this model's state and control, with the joints that it does not tell (``following``)."""
-        observer, free = self.observer, unlogged(log, self.scene)
-        psi = observer.split(np.append(self.parameters, observer.vector(self.observation)))[1]
+        free = unlogged(log, self.scene)
+        theta = np.append(self.parameters, self.observer.vector(self.observation))
+        observer = self.observer.begins(self, log, theta)
+        psi = observer.split(theta)[1]
         state = observer.states(log, psi)
         return followed(self, state, self.parameters, free) if free else state

@@ -9,8 +9,9 @@ where z = 0, with the true position where z = b, as where another sensor made th
 w is the response of a delay d followed by a first-order lag tau to a command that is held from one sample to the next,
 averaged over the step, which makes it a smooth function of d and tau. l is the lead of a servo that damps not its own
 velocity but what that lacks of the target's: the gain of the velocity over that of the position, or a share of it.
-s is what a and y have been apart so far, and r the gain on it, of servos that integrate (``integral``); i is what they
-had integrated before an episode. Before its first row motors were off, and position servos held their first target.
+s is what a and y have been apart so far, less its mean over the episode, and r the gain on it, of servos that integrate
+(``integral``); i is what they add in the mean, alike in all episodes, and ``begun`` what is an episode's own. Before
+an episode motors were off, and position servos held their first target.
 ``wiring`` does the same command by command. Where actuators have a state, u ends with their activations, which follow
 from the controls of the episode so far; they begin at 0.
 """
@@ -28,6 +29,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models import between
 from cmbrl.models.activations import Activations
 from cmbrl.models.arriving import Arrived, arrived
+from cmbrl.models.begun import Begun, begun
 from cmbrl.models.between import AHEAD, BIAS, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, ZERO
 from cmbrl.models.integral import Lacked, OwnIntegral
 from cmbrl.models.late import late_response
@@ -37,6 +39,7 @@ from cmbrl.scene.records import JointKind, Parameter
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
+    from cmbrl.models.log_reading import LogReading
     from cmbrl.scene import Scene
 
 _AHEAD = 1.5  # of a step of the log, less one of the model: commands that move between its samples, or are logged late
@@ -61,6 +64,7 @@ class Observation:
     ahead: float = 0.0
     leads: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (nl,) actuators that may lead
     integrates: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (ni,) that may integrate
+    begun: Begun | None = None  #: what they had integrated besides ``integrated`` as each episode of a log began
 
     @classmethod
     def of(
@@ -73,16 +77,7 @@ class Observation:
         free = {joint.vadr for joint in plays(scene.joints)}  # which no encoder tells
         joints = [j for j in scene.joints if j.kind != JointKind.BALL and j.vadr not in free]
         early = _AHEAD * (dt - (step or dt))
-        servo = np.zeros((scene.nu, len(joints)))
-        for column, joint in enumerate(joints):
-            for k in np.flatnonzero(scene.core.act_line == joint.vadr):
-                place, layout = int(k), scene.layout
-                gain, feedback = (
-                    scene.core.P[layout.actuator(place, "gain")],
-                    scene.core.P[layout.actuator(place, "bias1")],
-                )
-                if gain and feedback:
-                    servo[k, column] = feedback / gain * scene.core.P[layout.actuator(place)]
+        servo = between.readings(scene, joints)
         served = np.flatnonzero(servo.any(axis=0))
         servo = np.hstack([servo, -servo[:, served], -servo[:, served]])
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
@@ -216,8 +211,7 @@ class Observation:
 
     def _acting(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Commands (R, nu) of ``rows`` that act, without activations."""
-        biases = self.servo.shape[1]
-        return np.asarray(self._given(log, psi, rows, 1)[0][0] + self.servo @ psi[:biases])
+        return np.asarray(self._given(log, psi, rows, 1)[0][0] + self._constant(log, psi, rows))
 
     def _commanded(
         self, log: Transitions, psi: np.ndarray, rows: np.ndarray, summed: bool
@@ -231,7 +225,26 @@ class Observation:
         slope[:, self.integrates, place[INTEGRAL]] = lacked[:, self.integrates]
         slope[:, :, [*place[DELAY], *place[LAG]]] = np.moveaxis(given[1:], 0, -1)
         slope[:, :, place[AHEAD]] = -given[1][:, :, None]
-        return given[0] + self.servo @ psi[:biases], slope
+        return given[0] + self._constant(log, psi, rows), slope
+
+    def _constant(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """What biases and zeros of servos add to the controls (nu,), or (R, nu) where episodes begin otherwise."""
+        constant = self.servo @ psi[: self.servo.shape[1]]
+        if self.begun is None or not psi[self.place[INTEGRAL]].any():
+            return np.asarray(constant)
+        return np.asarray(constant + self.begun.of(log.episode[rows]))
+
+    def begins(self, model: LogReading, log: Transitions, theta: np.ndarray, least: int = 1) -> Observation:
+        """This, with what servos had integrated as each episode of ``log`` began, by ``model`` at ``theta`` (np + n,).
+
+        The same object where none integrates, or there are fewer than ``least`` episodes.
+        """
+        physical, psi = self.split(theta)
+        if not psi[self.place[INTEGRAL]].any() or (least > 1 and len(np.unique(log.episode)) < least):
+            return self
+        plain = replace(self, begun=None)
+        adds = self.servo[:, self.place[INTEGRATED]]
+        return replace(self, begun=begun(model, log, plain.states(log, psi), physical, adds))
 
     def _given(self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int, summed: bool = False) -> Arrived:
         """Commands at ``psi``, with the first ``count`` of them and of their derivatives; see ``arriving.arrived``."""

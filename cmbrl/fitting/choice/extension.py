@@ -185,7 +185,7 @@ class Extension(Trials):
         return before
 
     def _hopeful(self, incumbent: Incumbent, laws: list[str], before: Errors) -> list[str]:
-        """Those of ``laws`` that may gain what counts: by a forecast, or where none can be trusted."""
+        """Those of ``laws`` that may gain what counts, by a forecast, the best ones first; then those without one."""
         told = [law for law in laws if law in _FORECAST]
         if not told:
             return laws
@@ -193,13 +193,12 @@ class Extension(Trials):
         objective = Objective.at(self.loss, self.space, incumbent.active, incumbent.z, incumbent.least)
         forecast = Forecast.at(self.folds, self.space, incumbent.z, objective.strength)
         already, columns = forecast.gain(incumbent.active), {law: self._columns(law) for law in told}
-        idle = [
+        gains = {law: forecast.gain(incumbent.active | own) - already for law, own in columns.items()}
+        idle = {
             law for law, own in columns.items()
-            if not forecast.blank(own)
-            and forecast.gain(incumbent.active | own)
-            < already + (_WRONG if law in GAINS else LEAST_GAIN) * before.mean
-        ]  # fmt: skip
-        return [law for law in laws if law not in idle]
+            if not forecast.blank(own) and gains[law] < (_WRONG if law in GAINS else LEAST_GAIN) * before.mean
+        }  # fmt: skip
+        return sorted((law for law in laws if law not in idle), key=lambda law: -gains.get(law, -np.inf))
 
     def _columns(self, law: str) -> np.ndarray:
         """Mask (n,) of the parameters of a ``law`` and of what it needs besides."""

@@ -14,7 +14,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.data.unlogged import unlogged
 from cmbrl.errors import UserError
 from cmbrl.fitting.log.position_noise import slopes
-from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.search.loss import SEVERAL, PredictionLoss
 from cmbrl.fitting.search.space import Space
 from cmbrl.models.between import BIAS, DELAY, LAG
 from cmbrl.models.complementarity import ComplementarityModel
@@ -145,7 +145,8 @@ class Evidence:
     def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""
         physical, psi = self.observation.split(theta)
-        return physical, self.observation.states(self.log, psi)
+        observation = self.observation.begins(self.model, self.log, theta, SEVERAL)
+        return physical, observation.states(self.log, psi)
 
     def late(self, z: np.ndarray) -> bool:
         """Whether commands have a delay or a lag to speak of at ``z`` (n,)."""

@@ -54,6 +54,9 @@ def gauss_newton(
             break
         z, value = z_next, lowest
         objective = objective if offset is None else objective.starting(offset)
+        begun = objective.begun(z)
+        if begun is not objective and (lower := float(begun.values(z[None])[0])) < value:
+            objective, value = begun, lower
         keep(z)
         damping = float(np.clip(step, *_LAMBDA_RANGE))
         course.append((candidates, value))

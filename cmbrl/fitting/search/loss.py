@@ -33,6 +33,7 @@ _SIDE_BY_SIDE = 8  # windows that the core predicts as fast as one
 _CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
 _EXACT = 1e-8  # loss of a coordinate that the solver's accuracy leaves
 _RISE = 1e-6  # of the loss: more than round-off
+SEVERAL = 2  #: episodes at least that begin with integrals of their own; that of a single one is a parameter
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
 _PACKS, _MOST_NUMBERS = (
     4,
@@ -130,8 +131,16 @@ class PredictionLoss:
         """The same loss with the windows starting at ``offset`` (S, k) from the logged states."""
         return replace(self, windows=replace(self.windows, offset=offset))
 
+    def begun(self, theta: np.ndarray) -> PredictionLoss:
+        """The same loss with what servos had integrated before each episode, at ``theta`` (n,); or the same object."""
+        observation = self.observation.begins(self.model, self.windows.data, theta, SEVERAL)
+        return self if observation is self.observation else replace(self, observation=observation)
+
     def settled(self, theta: np.ndarray) -> PredictionLoss:
         """The same loss with the best starts for ``theta`` (n,); the same object for a log without noise."""
+        return self.begun(theta)._settled(theta)
+
+    def _settled(self, theta: np.ndarray) -> PredictionLoss:
         scales, count = self.windows.scales, len(self.windows.starts)
         if not len(scales.uncertain):
             return self

@@ -79,6 +79,11 @@ class Objective:
         """The objective with the windows starting at ``offset`` (S, k)."""
         return replace(self, loss=self.loss.starting(offset))
 
+    def begun(self, z: np.ndarray) -> Objective:
+        """The objective with episodes beginning as they do at ``z`` (n,); the same object where that is told."""
+        loss = self.loss.begun(self.space.theta(z))
+        return self if loss is self.loss else replace(self, loss=loss)
+
     def normal_equations(self, z: np.ndarray) -> NormalEquations:
         """Gradient and Gauss-Newton Hessian of J at ``z`` (n,), over the active parameters."""
         equations = self.loss.normal_equations(self.space, z, self.active)
