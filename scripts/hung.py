@@ -11,6 +11,9 @@ they are off with a gain of 2 /s times that of the position, a base that leans b
     ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --late 0.002 --every 8 --slow 5 --lead --tilt 3
     ... scripts/hung.py FOLDER/universal_robots_ur5e/robot.xml runs/ur5e --integral 2
 
+With --apart 0.6, motions have places of their own, up to 0.6 rad off, and log.npz is three files: log.npz, log_2.npz
+and log_3.npz, each a third as long.
+
 Masses, payload, gains, damping, friction and armatures are drawn, and commands act 6 ms late. Logs of 16 and 8 s have
 what encoders tell, with noise of 0.3 mrad and 0.03 mm, and commands, at about 200 Hz; no velocities. Motors without
 servos follow targets by gains that the log tells. For docs/fit/README.md.
@@ -28,6 +31,7 @@ import numpy as np
 from cmbrl.data.position_log import PositionLog
 
 SECONDS, SEEDS, LOGS = (16.0, 8.0), (100, 200), ("log.npz", "unseen.npz")
+PARTS = 3  # of log.npz where motions are apart
 RATE, LATE, SETTLING = 200.0, 0.006, 2.0  # Hz at most that of whole steps; s; s
 HINGE, SLIDE = 3e-4, 3e-5  # noise of encoders [rad, m]
 
@@ -93,8 +97,9 @@ def gains(model: mujoco.MjModel) -> tuple[np.ndarray, np.ndarray]:
     return kp, 0.05 * kp
 
 
-def targets(model: mujoco.MjModel, time: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Four sines (T, nu) of 0.15 to 1.3 Hz in every actuator, within half of its range."""
+def targets(model: mujoco.MjModel, time: np.ndarray, rng: np.random.Generator, apart: float) -> np.ndarray:
+    """Four sines (T, nu) of 0.15 to 1.3 Hz in every actuator, within half of its range; around a place up to ``apart``
+    off its home."""
     found = np.zeros((len(time), model.nu))
     for a in range(model.nu):
         low, high = model.actuator_ctrlrange[a]
@@ -105,6 +110,7 @@ def targets(model: mujoco.MjModel, time: np.ndarray, rng: np.random.Generator) -
             low, high = model.jnt_range[joint] if model.jnt_limited[joint] else (home - 1, home + 1)
             if model.actuator_biastype[a] != mujoco.mjtBias.mjBIAS_NONE and model.actuator_ctrllimited[a]:
                 low, high = max(low, model.actuator_ctrlrange[a, 0]), min(high, model.actuator_ctrlrange[a, 1])
+        home += rng.uniform(-apart, apart) if apart else 0.0
         centre = np.clip(home, low + 0.25 * (high - low), high - 0.25 * (high - low))
         rate, phase = rng.uniform(0.15, 1.3, 4), rng.uniform(0, 6.3, 4)
         sines = sum(np.sin(2 * np.pi * f * time + p) / (1 + f) for f, p in zip(rate, phase, strict=True))
@@ -114,16 +120,17 @@ def targets(model: mujoco.MjModel, time: np.ndarray, rng: np.random.Generator) -
 
 
 def record(
-    model: mujoco.MjModel, seconds: float, seed: int, lateness: float = LATE, lead: bool = False, integral: float = 0.0
-) -> PositionLog:
+    model: mujoco.MjModel, seconds: float, seed: int, lateness: float = LATE, lead: bool = False, integral: float = 0.0,
+    apart: float = 0.0,
+) -> PositionLog:  # fmt: skip
     """What encoders tell of a motion, after the robot has settled; ``lead``: servos get their target's rate as well.
 
-    ``integral`` [1/s]: servos add so much of what they have been off so far to their target.
+    ``integral`` [1/s]: servos add so much of what they have been off so far to their target; ``apart``: of ``targets``.
     """
     data, h = mujoco.MjData(model), model.opt.timestep
     every = max(1, round(1 / RATE / h))
     time = every * h * np.arange(int(seconds / (every * h)))
-    given = targets(model, time, np.random.default_rng(seed))
+    given = targets(model, time, np.random.default_rng(seed), apart)
     motor = model.actuator_biastype == mujoco.mjtBias.mjBIAS_NONE
     if motor.any() and not motor.all():
         raise SystemExit("hung: some actuators are servos, and some are motors: give a file with one kind")
@@ -171,22 +178,29 @@ def main() -> None:
     parser.add_argument("--slow", type=int, default=1, help="rows of log.npz from one reading to the next (default 1)")
     parser.add_argument("--lead", action="store_true", help="servos damp what the velocity lacks of the target's rate")
     parser.add_argument("--integral", type=float, default=0.0, help="ki / kp of servos [1/s] (default 0)")
+    parser.add_argument("--apart", type=float, default=0.0, help="how far motions are from home [rad, m] (default 0)")
     parser.add_argument("--tilt", type=float, default=0.0, metavar="DEGREES", help="of the base (default 0)")
     told = parser.parse_args()
     if not told.file.is_file():
         raise SystemExit(f"hung: {told.file}: no such file")
-    if min(told.every, told.slow) < 1 or not 0.0 <= told.late < 1.0 or not 0.0 <= told.integral < 100.0:
+    sound = 0.0 <= told.late < 1.0 and 0.0 <= told.integral < 100.0 and told.apart >= 0.0
+    if min(told.every, told.slow) < 1 or not sound:
         raise SystemExit(
-            "hung: --every and --slow are rows, 1 or more; --late is seconds, 0 to 1; --integral 0 to 100 /s"
+            "hung: --every and --slow are rows, 1 or more; --late is seconds, 0 to 1; --integral 0 to 100 /s; "
+            "--apart 0 or more"
         )
     told.folder.mkdir(parents=True, exist_ok=True)
     source, folder = told.file.resolve(), told.folder.resolve()
     model = held(source, folder)
     hide(model, np.random.default_rng(told.seed))
     lean(model, told.tilt)
-    for seconds, seed, name in zip(SECONDS, SEEDS, LOGS, strict=True):
-        log = record(model, seconds, seed, told.late, told.lead, told.integral)
-        if name == LOGS[0]:
+    planned = list(zip(SECONDS, SEEDS, LOGS, strict=True))
+    if told.apart:
+        own = [(SECONDS[0] / PARTS, SEEDS[0] + k, LOGS[0].replace(".", f"_{k + 1}.")) for k in range(1, PARTS)]
+        planned = [(SECONDS[0] / PARTS, *planned[0][1:]), *own, planned[1]]
+    for seconds, seed, name in planned:
+        log = record(model, seconds, seed, told.late, told.lead, told.integral, told.apart)
+        if name != LOGS[1]:
             log = replace(log, position=log.position[np.arange(len(log)) // told.slow * told.slow])
         log.select(slice(None, None, told.every)).save(folder / name)
 
