@@ -5,9 +5,9 @@ whole episode, as a constant:
 
     x = argmin sum_k |v_(k+1) - v'(q_k, v_k, u_k + C x)|^2_W + |x|^2 / s^2,
 
-over the rows k of the episode, in steps of Gauss-Newton. v' is the velocity that the model predicts, C what a unit of
-x does to the control, W the inverse variances of the errors. Errors of velocities cancel from row to row, so seconds
-tell x far better than one row does. Where dry friction holds a joint, nothing tells its x.
+over the first rows k of the episode, in steps of Gauss-Newton. v' is the velocity that the model predicts, C what a
+unit of x does to the control, W the inverse variances of the errors. Errors of velocities cancel from row to row, so
+seconds tell x far better than one row does. Where dry friction holds a joint, nothing tells its x.
 """
 
 from __future__ import annotations
@@ -17,12 +17,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.models.integral import ends_of
+
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.models.log_reading import LogReading
 
 _SPREAD = 0.3  # [rad] or [m], of a target: s
 _ITERATIONS = 2  # friction makes it not quite linear
+_ROWS, _LEAST = 4_000, 200  # of all episodes together, and of each at least where it has so many: they tell enough
 _ROWS_AT_ONCE = 2_000  # whose Jacobian is in memory
 
 
@@ -46,6 +49,9 @@ def begun(model: LogReading, log: Transitions, state: Transitions, theta: np.nda
     ``adds`` (nu, n): what a unit of each joint's integral does to the controls.
     """
     episodes, where = np.unique(log.episode, return_inverse=True)
+    every = np.arange(len(log))
+    rows = every[every - ends_of(log.episode, every)[0] < max(_ROWS // len(episodes), _LEAST)]
+    state, where = state.select(rows), where[rows]
     found = np.zeros((len(episodes), adds.shape[1]))
     for _ in range(_ITERATIONS):
         u = state.u.copy()
