@@ -7,14 +7,18 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch.autograd import forward_ad
 
 from cmbrl.errors import UserError
+from cmbrl.models.jacobian import pull_back
 from cmbrl.models.stepper import NO_SECOND, Stepper, plain, step_backward, step_forward
 from cmbrl.models.transforms import transformed_step
 from cmbrl.scene import Scene
 
 #: whether torch.func transforms what is called now
 _transformed: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: False)
+#: whether a tensor stands for many, as of ``is_grads_batched``
+_many: Callable[[torch.Tensor], bool] = getattr(torch._C._functorch, "is_legacy_batchedtensor", lambda _: False)
 
 
 def check_tensors(scene: Scene, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor | None) -> None:
@@ -52,7 +56,7 @@ def differentiable_step(
     if torch.compiler.is_compiling():
         raise UserError("torch.compile cannot look into a contact step: call it through torch.compiler.disable")
     given = q, v, u, theta
-    if _transformed():
+    if _transformed() or _dual(given):
         return transformed_step(given, stepper, impulse)
     if torch.is_grad_enabled() and any(x.requires_grad for x in given):
         report: dict[str, np.ndarray] = {}
@@ -60,6 +64,13 @@ def differentiable_step(
         return q_next, v_next, report
     out = stepper.forward(*map(plain, given), impulse=impulse)
     return torch.from_numpy(out["q_next"]), torch.from_numpy(out["v_next"]), out
+
+
+def _dual(given: tuple[torch.Tensor, ...]) -> bool:
+    """Whether one of ``given`` carries a tangent; only a level of dual numbers lets them."""
+    if getattr(forward_ad, "_current_level", 0) < 0:
+        return False
+    return any(forward_ad.unpack_dual(x).tangent is not None for x in given)
 
 
 class NativeStep(torch.autograd.Function):
@@ -89,6 +100,9 @@ class NativeStep(torch.autograd.Function):
     def backward(ctx: Any, gq_next: torch.Tensor, gv_next: torch.Tensor) -> Any:  # type: ignore[override]
         """Vector-Jacobian product from the tape."""
         q, v, u, theta, *end = ctx.saved_tensors
+        if _many(gq_next) or _many(gv_next):
+            found = pull_back(ctx.stepper, (q, v, u, theta), (gq_next, gv_next), ctx.needs_input_grad[3])
+            return *found, None, None, None
         q_next = end[0].detach() if end else None
         # Gradients are on here under create_graph only. Otherwise a second function would add a tenth for nothing.
         product = _Gradient.apply if torch.is_grad_enabled() else step_backward

@@ -171,7 +171,7 @@ class ComplementarityModel(Variations, LogWindows, LogReading, Quantities):
         Raises: UserError for a wrong shape or type, or a theta without a physical meaning, such as a negative mass.
         Warns SolverWarning if solves fail; ``failures`` counts them. A second derivative, as of a gradient penalty,
         raises UserError; an input changed in place before the backward pass raises torch's RuntimeError. ``torch.func``
-        transforms a step by reverse mode and vmap; ``torch.compile`` has to leave it out, or UserError.
+        transforms a step by reverse and forward mode and vmap; ``torch.compile`` has to leave it out, or UserError.
         """
         check_tensors(self.scene, q, v, u, theta)
         if theta is None:
