@@ -13,7 +13,13 @@ from cmbrl.errors import UserError
 from cmbrl.registry import load_task
 from cmbrl.runs import alone_in
 
-HOLD = "import sys, time; from cmbrl.runs import alone_in\nwith alone_in(sys.argv[1]): print(1, flush=True); time.sleep(60)"
+HOLD = """
+import sys, time
+from cmbrl.runs import alone_in
+with alone_in(sys.argv[1]):
+    print(flush=True)
+    time.sleep(60)
+"""
 TRAIN = "train hopper --algorithm shac --model nominal --threads 1 --iterations 1 --set environments=4 --set horizon=4"
 
 

@@ -7,16 +7,13 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch.autograd import forward_ad
 
 from cmbrl.errors import UserError
 from cmbrl.models.jacobian import pull_back
 from cmbrl.models.stepper import NO_SECOND, Stepper, plain, step_backward, step_forward
-from cmbrl.models.transforms import transformed_step
+from cmbrl.models.transforms import dual, transformed_step, transforms
 from cmbrl.scene import Scene
 
-#: whether torch.func transforms what is called now
-_transformed: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: False)
 #: whether a tensor stands for many, as of ``is_grads_batched``
 _many: Callable[[torch.Tensor], bool] = getattr(torch._C._functorch, "is_legacy_batchedtensor", lambda _: False)
 
@@ -56,7 +53,7 @@ def differentiable_step(
     if torch.compiler.is_compiling():
         raise UserError("torch.compile cannot look into a contact step: call it through torch.compiler.disable")
     given = q, v, u, theta
-    if _transformed() or _dual(given):
+    if transforms() or dual(*given):
         return transformed_step(given, stepper, impulse)
     if torch.is_grad_enabled() and any(x.requires_grad for x in given):
         report: dict[str, np.ndarray] = {}
@@ -64,13 +61,6 @@ def differentiable_step(
         return q_next, v_next, report
     out = stepper.forward(*map(plain, given), impulse=impulse)
     return torch.from_numpy(out["q_next"]), torch.from_numpy(out["v_next"]), out
-
-
-def _dual(given: tuple[torch.Tensor, ...]) -> bool:
-    """Whether one of ``given`` carries a tangent; only a level of dual numbers lets them."""
-    if getattr(forward_ad, "_current_level", 0) < 0:
-        return False
-    return any(forward_ad.unpack_dual(x).tangent is not None for x in given)
 
 
 class NativeStep(torch.autograd.Function):

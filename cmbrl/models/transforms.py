@@ -6,11 +6,27 @@ transform is active.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
+from torch.autograd import forward_ad
 
 from cmbrl.models.stepper import NO_SECOND, Stepper, step_backward, step_forward
+
+_transformed: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: False)
+
+
+def transforms() -> bool:
+    """Whether torch.func transforms what is called now."""
+    return _transformed()
+
+
+def dual(*given: torch.Tensor) -> bool:
+    """Whether one of ``given`` carries a tangent; only a level of dual numbers lets them."""
+    if getattr(forward_ad, "_current_level", 0) < 0:
+        return False
+    return any(forward_ad.unpack_dual(x).tangent is not None for x in given)
 
 
 class Report:

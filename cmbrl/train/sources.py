@@ -41,6 +41,4 @@ def check_sources(folder: Path, before: Mapping[str, str], now: Mapping[str, str
     """Raises UserError for the first file of the run in ``folder`` that is not what it was ``before``."""
     for path in sorted(before.keys() & now.keys()):
         if before[path] != now[path]:
-            raise UserError(
-                f"{path}: has changed since {folder} was begun on it: restore it, or choose another --out"
-            )
+            raise UserError(f"{path}: has changed since {folder} was begun on it: restore it, or choose another --out")

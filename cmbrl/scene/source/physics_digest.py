@@ -9,15 +9,15 @@ import numpy as np
 
 from cmbrl.scene.source.robot_source import compile_robot
 
-_PARTS = ("qpos", "body_", "jnt_", "dof_", "geom_", "site_", "pair_", "exclude_", "eq_", "tendon_", "wrap_", "actuator_",
-          "mesh_vert", "mesh_face", "hfield_")  # fmt: skip
+_OF_BODIES = ("qpos", "body_", "jnt_", "dof_", "geom_", "site_", "mesh_vert", "mesh_face", "hfield_")
+_BETWEEN = ("pair_", "exclude_", "eq_", "tendon_", "wrap_", "actuator_")
 _LOOKS = ("rgba", "matid", "group", "user", "bufadr", "pathadr", "texcoord")
 
 
 def physics_digest(path: str | os.PathLike[str]) -> str:
     """Sixteen hexadecimal digits; raises UserError for a file that cannot be read."""
     model, seen = compile_robot(str(path)).model, hashlib.sha256()
-    for owner, parts in ((model, _PARTS), (model.opt, ("",))):
+    for owner, parts in ((model, _OF_BODIES + _BETWEEN), (model.opt, ("",))):
         for name in sorted(dir(owner)):
             if name.startswith("_") or not name.startswith(parts) or name.endswith(_LOOKS):
                 continue
