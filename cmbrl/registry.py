@@ -201,6 +201,12 @@ def is_task(name: str) -> bool:
     return name.endswith(".py") or name in names() or ("@" in name and is_task(name.rpartition("@")[0]))
 
 
+def file_of(name: str) -> str | None:
+    """The Python file that a task is called after; None for one that is installed or registered."""
+    known = name if name.endswith(".py") else name.rpartition("@")[0]
+    return known if known.endswith(".py") else None
+
+
 def load_task(name: str) -> Task:
     """The task called ``name``, or ``TASK`` of a file whose name ends with .py.
 

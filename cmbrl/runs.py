@@ -5,11 +5,13 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from functools import cache
 from importlib import metadata
@@ -87,6 +89,33 @@ def write_run(folder: str | os.PathLike[str], command: str, configuration: Mappi
         now = {**first, "resumed": [*resumed, now]}
     write_json(place / ENVIRONMENT, now)
     return place
+
+
+@contextmanager
+def alone_in(folder: str | os.PathLike[str]) -> Iterator[None]:
+    """Makes ``folder``, and keeps other runs on this machine out of it while the body runs.
+
+    Two runs would mix their files there. The system forgets the lock when its process ends, however it ends; a file
+    system without locks has none. Folders that were made and stay empty are removed. Raises UserError if another run is
+    at work there.
+    """
+    place = Path(folder)
+    made = [one for one in (place, *place.parents) if not one.exists()]
+    handle = os.open(make_folder(place), os.O_RDONLY)
+    try:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            told = "another run is at work in this folder: wait for its end, or choose another --out"
+            raise UserError(f"{place}: {told}") from None
+        except OSError:  # no locks there
+            pass
+        yield
+    finally:
+        os.close(handle)
+        with suppress(OSError):  # one is not empty
+            for one in made:
+                one.rmdir()
 
 
 def environment() -> dict[str, Any]:

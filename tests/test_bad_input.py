@@ -27,6 +27,7 @@ MISTAKES = {
     "unknown option": (f"{RECORD} --sed 1", "--sed", "cmbrl record --help"),
     "not a number": ("record hopper --steps many --out new.npz", "--steps", "'many'"),
     "no steps": ("record hopper --steps 0 --out new.npz", "--steps", "below 1"),
+    "empty option": ("record hopper --steps 5 --out=", "--out: is empty", "leave it out"),
     "missing scene": ("info nowhere.xml", "nowhere.xml", "no such file"),
     "scene is a folder": ("info ./", "no such file", ".xml"),
     "not XML": ("info text.xml", "text.xml", ""),

@@ -27,7 +27,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_record
 from cmbrl.models.named import RESULT
 from cmbrl.models.source import load_logs, load_source
-from cmbrl.runs import usable_cores, write_run
+from cmbrl.runs import alone_in, usable_cores, write_run
 
 if TYPE_CHECKING:
     import numpy as np
@@ -139,7 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
     # `fit` reports progress only after every check of its input: until then nothing may be written.
     write_configuration = cache(lambda: write_run(out, "fit", resolved(arguments)))
 
-    with fraction(f"fit {source.scene.name}") as show:
+    with alone_in(out), fraction(f"fit {source.scene.name}") as show:
 
         def progress(done: float, text: str) -> None:
             write_configuration()
@@ -158,9 +158,9 @@ def run(arguments: argparse.Namespace) -> int:
             progress=progress,
             time_limit=arguments.time_limit,
         )
-    if arguments.set:
-        result.report["set"] = sorted(dict(arguments.set))
-    saved = FitResult.load(keep(result, model.scene, out, source.task.name if source.task else None))
+        if arguments.set:
+            result.report["set"] = sorted(dict(arguments.set))
+        saved = FitResult.load(keep(result, model.scene, out, source.task.name if source.task else None))
     print(json.dumps(read_record(out / RESULT, "fit again"), indent=2) if arguments.json else saved.report_text())
     if result.report["stopped"] == "interrupted":
         print(f"cmbrl: interrupted: the best fit so far is in {out}; continue it with --resume", file=sys.stderr)

@@ -53,8 +53,15 @@ class Parser(argparse.ArgumentParser):
         found = self.parse_args(arguments)
         for name, value in vars(found).items():
             if isinstance(value, str) and "\0" in value:
-                raise UserError(f"--{name.replace('_', '-')}: has a null character, which no path and no name has")
+                raise UserError(f"{self._typed(name)}: has a null character, which no path and no name has")
+            if value == "":  # as an unset variable of a shell leaves it; as a path it would be this folder
+                raise UserError(f"{self._typed(name)}: is empty: give a value, or leave it out")
         return found
+
+    def _typed(self, dest: str) -> str:
+        """An option or argument as a user knows it."""
+        action = next(action for action in self._actions if action.dest == dest)
+        return max(action.option_strings, key=len) if action.option_strings else str(action.metavar or dest)
 
     def use(self, options: Mapping[str, Any], path: Path | str) -> None:
         """Makes ``options`` defaults; raises UserError, led by ``path``, for those that the command does not take."""

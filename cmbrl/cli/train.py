@@ -27,7 +27,7 @@ from cmbrl.cli.parser import WIDTH, Parser, resolved
 from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
 from cmbrl.files import file_digest, read_json
-from cmbrl.runs import CONFIGURATION, usable_cores, write_run
+from cmbrl.runs import CONFIGURATION, alone_in, usable_cores, write_run
 
 EXAMPLE = """
 cmbrl train hopper --out runs/policy
@@ -168,19 +168,24 @@ def run(arguments: argparse.Namespace) -> int:
     from cmbrl.envs.trials import foretold, unlearned
     from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun
     from cmbrl.train.run_texts import commands_text, progress_text
+    from cmbrl.train.sources import sources
     from cmbrl.train.trainer import Diverged
 
     torch.set_num_threads(1)  # the nets are small, and results must not depend on the number of threads
-    trainer = setup.trainer()
-    write_run(out, "train", wanted)
+    trainer, learned_on = setup.trainer(), sources(setup)
     fixed = {name: value for name, value in wanted.items() if name not in _MAY_CHANGE} | digest
-    training = TrainingRun(trainer, out, about | digest, arguments.resume, arguments.checkpoint_seconds, fixed)
-    try:
-        with fraction(f"train {setup.task.name}") as progress:
-            outcome = training.train(setup.config.iterations, progress)
-    except Diverged as error:
-        print(f"cmbrl: {error}", file=sys.stderr)
-        return 1
+    with alone_in(out):
+        _check_resumed(out, arguments.resume, wanted)  # once more: another run may have ended there meanwhile
+        write_run(out, "train", wanted)
+        training = TrainingRun(
+            trainer, out, about | digest, arguments.resume, arguments.checkpoint_seconds, fixed, learned_on
+        )
+        try:
+            with fraction(f"train {setup.task.name}") as progress:
+                outcome = training.train(setup.config.iterations, progress)
+        except Diverged as error:
+            print(f"cmbrl: {error}", file=sys.stderr)
+            return 1
     if arguments.json:
         print(json.dumps(read_json(out / RESULT), indent=2))
     else:

@@ -74,9 +74,10 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     @torch.no_grad()
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Observation (n_o,), reward, terminated, truncated, info after an action (n_a,)."""
-        if not self._q.numel():
-            raise UserError("the episode has not begun: call reset()")
+        self._check_begun()
         a = torch.from_numpy(np.asarray(action, np.float64).clip(-1.0, 1.0)[None])
+        if a.shape != (1, self.mdp.actions):
+            raise UserError(f"the action has shape {tuple(a.shape[1:])}: give ({self.mdp.actions},)")
         q_next, v_next, u = self.mdp.act(self._q, self._v, a)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", SolverWarning)  # counted in the model's ``failures``
@@ -96,6 +97,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """A picture (height, width, 3) uint8 of the current state; None without a render mode."""
         if self.render_mode is None:
             return None
+        self._check_begun()
         if self._drawer is None:
             self._drawer = Drawer(self.scene, self.width, self.height)
         return self._drawer.draw(self.mdp.robot(self._q)[0].numpy())
@@ -105,6 +107,10 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if self._drawer is not None:
             self._drawer.close()
             self._drawer = None
+
+    def _check_begun(self) -> None:
+        if not self._q.numel():
+            raise UserError("the episode has not begun: call reset()")
 
     def _observe(self) -> np.ndarray:
         row = self.mdp.observe(self._q, self._v).numpy()[0]

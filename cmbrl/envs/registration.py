@@ -58,25 +58,26 @@ def make_model_vector(
     num_envs: int = 1,
     model: str | os.PathLike[str] | Model = NOMINAL,
     max_episode_steps: int | None = None,
-    render_mode: None = None,
     last_actions: int = 0,
+    **options: Any,
 ) -> MDPVectorEnv:
-    """``num_envs`` episodes of ``task`` on a model, all in one native call."""
+    """``num_envs`` episodes of ``task`` on a model, all in one native call; ``options`` are MDPVectorEnv's."""
     known = load_task(task)
-    return MDPVectorEnv(Simulation(_process(known, max_episode_steps, last_actions), _model(model, known), num_envs))
+    mdp = _process(known, max_episode_steps, last_actions)
+    return MDPVectorEnv(Simulation(mdp, _model(model, known), num_envs, tell=True), known.scene_path, **options)
 
 
 def make_real_vector(
     task: str,
     num_envs: int = 1,
     max_episode_steps: int | None = None,
-    render_mode: None = None,
     last_actions: int = 0,
+    **options: Any,
 ) -> MDPVectorEnv:
-    """``num_envs`` episodes of ``task``, each in its own real system."""
+    """``num_envs`` episodes of ``task``, each in its own real system; ``options`` are MDPVectorEnv's."""
     known = load_task(task)
-    systems = SystemBatch(real_system(known), num_envs)
-    return MDPVectorEnv(Simulation(_process(known, max_episode_steps, last_actions), systems, num_envs))
+    mdp, systems = _process(known, max_episode_steps, last_actions), SystemBatch(real_system(known), num_envs)
+    return MDPVectorEnv(Simulation(mdp, systems, num_envs, tell=True), known.scene_path, **options)
 
 
 def register(task: Task) -> list[str]:

@@ -178,8 +178,9 @@ def _fingerprint(model: ComplementarityModel, data: Transitions, settings: list[
     """Digest of everything that the result depends on (not the number of threads)."""
     digest = hashlib.sha256()
     log = (data.q, data.v, data.u, data.q_next, data.v_next, data.episode, data.recording)
-    arrays = (*log, model.parameters, model.scene.core.P)
-    for array in arrays:
+    geometry = [x for x in vars(model.scene.core).values() if isinstance(x, np.ndarray)]
+    places = (np.round(x, 9) + 0.0 for x in geometry)  # another processor may compute the last digits in another way
+    for array in (*log, model.parameters, model.scene.core.P, *places):
         digest.update(np.ascontiguousarray(array).tobytes())
     config = {k: v for k, v in model.to_config().items() if k != "threads"}
     digest.update(json.dumps([config, settings, budget], sort_keys=True).encode())

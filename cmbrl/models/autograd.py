@@ -9,12 +9,13 @@ import numpy as np
 import torch
 
 from cmbrl.errors import UserError
+from cmbrl.models.jacobian import pull_back
 from cmbrl.models.stepper import NO_SECOND, Stepper, plain, step_backward, step_forward
-from cmbrl.models.transforms import transformed_step
+from cmbrl.models.transforms import dual, transformed_step, transforms
 from cmbrl.scene import Scene
 
-#: whether torch.func transforms what is called now
-_transformed: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: False)
+#: whether a tensor stands for many, as of ``is_grads_batched``
+_many: Callable[[torch.Tensor], bool] = getattr(torch._C._functorch, "is_legacy_batchedtensor", lambda _: False)
 
 
 def check_tensors(scene: Scene, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor, theta: torch.Tensor | None) -> None:
@@ -52,7 +53,7 @@ def differentiable_step(
     if torch.compiler.is_compiling():
         raise UserError("torch.compile cannot look into a contact step: call it through torch.compiler.disable")
     given = q, v, u, theta
-    if _transformed():
+    if transforms() or dual(*given):
         return transformed_step(given, stepper, impulse)
     if torch.is_grad_enabled() and any(x.requires_grad for x in given):
         report: dict[str, np.ndarray] = {}
@@ -89,6 +90,9 @@ class NativeStep(torch.autograd.Function):
     def backward(ctx: Any, gq_next: torch.Tensor, gv_next: torch.Tensor) -> Any:  # type: ignore[override]
         """Vector-Jacobian product from the tape."""
         q, v, u, theta, *end = ctx.saved_tensors
+        if _many(gq_next) or _many(gv_next):
+            found = pull_back(ctx.stepper, (q, v, u, theta), (gq_next, gv_next), ctx.needs_input_grad[3])
+            return *found, None, None, None
         q_next = end[0].detach() if end else None
         # Gradients are on here under create_graph only. Otherwise a second function would add a tenth for nothing.
         product = _Gradient.apply if torch.is_grad_enabled() else step_backward

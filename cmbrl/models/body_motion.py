@@ -12,8 +12,11 @@ from torch import Tensor
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.stepper import TangentMap
+from cmbrl.models.transforms import apart, dual, flat, transforms
 from cmbrl.native import Core
 from cmbrl.scene import Scene
+
+_NO_SECOND = UserError("body motions have first derivatives only: leave out create_graph=True")
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,8 @@ class BodyMotions:
 
     def __call__(self, q: Tensor, v: Tensor) -> BodyMotion:
         """The motion at q (B, nq), v (B, nv), float64; NaN in a row that is not finite."""
-        x = _Motion.apply(q, v, self) if torch.is_grad_enabled() else self.forward(q, v)
+        followed = torch.is_grad_enabled() or transforms() or dual(q, v)
+        x = _Motion.apply(q, v, self).unflatten(1, (-1, 18)) if followed else self.forward(q, v)
         position, rotation, linear, angular = x[..., :3], x[..., 3:12].unflatten(-1, (3, 3)), x[..., 12:15], x[..., 15:]
         if self._carried:
             arm = (rotation @ self._offset[..., None])[..., 0]
@@ -82,18 +86,63 @@ class BodyMotions:
 
 
 class _Motion(torch.autograd.Function):
-    @staticmethod
-    def forward(ctx: Any, q: Tensor, v: Tensor, bodies: BodyMotions) -> Any:  # type: ignore[override]
-        """The motion, remembering the state."""
-        ctx.bodies = bodies
-        ctx.save_for_backward(q, v)
-        return bodies.forward(q, v)
+    """The motion (B, nb * 18), under torch.func as well; its derivative goes backwards only."""
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
+    def forward(q: Tensor, v: Tensor, bodies: BodyMotions) -> Tensor:
+        """The motion."""
+        return bodies.forward(q, v).flatten(1)
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        """Remembers the state."""
+        ctx.bodies = inputs[2]
+        ctx.save_for_backward(*inputs[:2])
+
+    @staticmethod
     def backward(ctx: Any, g: Tensor) -> Any:  # type: ignore[override]
         """Product with the derivative of the motion."""
-        return *ctx.bodies.backward(*ctx.saved_tensors, g), None
+        return *_Gradient.apply(*ctx.saved_tensors, g, ctx.bodies), None
+
+    @staticmethod
+    def jvp(ctx: Any, *_: Tensor) -> Any:  # type: ignore[override]
+        """Raises UserError."""
+        raise UserError("derivatives of body motions go backwards only: use jacrev, vjp or grad")
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[int | None, ...], *given: Any) -> tuple[Tensor, int]:
+        """One batch of all rows."""
+        rows = flat(list(given[:2]), in_dims, info.batch_size)
+        return apart(_Motion.apply(*rows, given[2]), info.batch_size), 0
+
+
+class _Gradient(torch.autograd.Function):
+    """Cotangents of q and v; raises UserError for a second derivative."""
+
+    @staticmethod
+    def forward(q: Tensor, v: Tensor, g: Tensor, bodies: BodyMotions) -> tuple[Tensor, Tensor]:
+        """Those of the motion's cotangent g (B, nb * 18)."""
+        return bodies.backward(q, v, g.unflatten(1, (-1, 18)))
+
+    @staticmethod
+    def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        """Nothing: there is no second derivative."""
+
+    @staticmethod
+    def backward(ctx: Any, *_: Tensor) -> Any:  # type: ignore[override]
+        """Raises UserError."""
+        raise _NO_SECOND
+
+    @staticmethod
+    def jvp(ctx: Any, *_: Tensor) -> Any:  # type: ignore[override]
+        """Raises UserError."""
+        raise _NO_SECOND
+
+    @staticmethod
+    def vmap(info: Any, in_dims: tuple[int | None, ...], *given: Any) -> tuple[tuple[Tensor, Tensor], tuple[int, int]]:
+        """One batch of all rows."""
+        gq, gv = _Gradient.apply(*flat(list(given[:3]), in_dims, info.batch_size), given[3])
+        return (apart(gq, info.batch_size), apart(gv, info.batch_size)), (0, 0)
 
 
 def _array(x: Tensor) -> np.ndarray:

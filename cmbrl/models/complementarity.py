@@ -124,8 +124,10 @@ class ComplementarityModel(Variations, LogWindows, LogReading, Quantities):
         """Control step [s]."""
         return self.substeps * self.time_step
 
-    def with_parameters(self, theta: np.ndarray) -> ComplementarityModel:
-        """The same model with other physical parameters (np,) and without candidates."""
+    def with_parameters(self, theta: np.ndarray | Mapping[str, float]) -> ComplementarityModel:
+        """The same model with other physical parameters (np,), or some of them by name, and without candidates."""
+        if isinstance(theta, Mapping):
+            theta = physical.replaced(self.scene, self.parameters, theta)
         return ComplementarityModel(self.scene, parameters=theta, **{**self._arguments(), "candidates": None})
 
     def with_settings(self, **settings: Any) -> ComplementarityModel:
@@ -148,8 +150,7 @@ class ComplementarityModel(Variations, LogWindows, LogReading, Quantities):
     def from_config(cls, scene: Scene, config: dict[str, Any]) -> ComplementarityModel:
         """Inverse of :meth:`to_config`; raises UserError unless it names exactly the parameters of the scene."""
         config = read_config(config)
-        theta = physical.from_names(scene, config.pop("parameters", {}))
-        return cls(scene, parameters=theta, **config)
+        return cls(scene, parameters=physical.from_names(scene, config.pop("parameters", {})), **config)
 
     def step(
         self,
@@ -171,7 +172,7 @@ class ComplementarityModel(Variations, LogWindows, LogReading, Quantities):
         Raises: UserError for a wrong shape or type, or a theta without a physical meaning, such as a negative mass.
         Warns SolverWarning if solves fail; ``failures`` counts them. A second derivative, as of a gradient penalty,
         raises UserError; an input changed in place before the backward pass raises torch's RuntimeError. ``torch.func``
-        transforms a step by reverse mode and vmap; ``torch.compile`` has to leave it out, or UserError.
+        transforms a step by reverse and forward mode and vmap; ``torch.compile`` has to leave it out, or UserError.
         """
         check_tensors(self.scene, q, v, u, theta)
         if theta is None:

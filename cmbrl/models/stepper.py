@@ -54,6 +54,19 @@ class TangentMap:
             out[:, a : a + 4] = 2.0 * np.einsum("brc,bc->br", _columns(q[:, a : a + 4]), g[:, d : d + 3])
         return out
 
+    def in_configurations(self, q: np.ndarray, q_next: np.ndarray, jacobian: np.ndarray) -> np.ndarray:
+        """The Jacobian (B, nq + nv, nq + ...) of a step from q to q_next (B, nq), from that in tangent space."""
+        if self.trivial:
+            return jacobian
+        count, nv = len(q), self.nv
+        enter, leave = np.zeros((count, nv, self.nq)), np.zeros((count, self.nq, nv))
+        enter[:, self.plain_v, self.plain_q] = leave[:, self.plain_q, self.plain_v] = 1.0
+        for a, d in zip(self.ball_q, self.ball_v, strict=True):
+            enter[:, d : d + 3, a : a + 4] = 2.0 * _columns(q[:, a : a + 4]).transpose(0, 2, 1)
+            leave[:, a : a + 4, d : d + 3] = 0.5 * _columns(q_next[:, a : a + 4])
+        wide = np.concatenate([jacobian[:, :, :nv] @ enter, jacobian[:, :, nv:]], axis=2)
+        return np.concatenate([leave @ wide[:, :nv], wide[:, nv:]], axis=1)
+
 
 _PLACES = np.array([[1, 2, 3], [0, 3, 2], [3, 0, 1], [2, 1, 0]])
 _SIGNS = np.array([[-1.0, -1.0, -1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0], [-1.0, 1.0, 1.0]])

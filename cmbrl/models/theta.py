@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.errors import UserError
+from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.observation import Observation
-from cmbrl.numbers import real_array
+from cmbrl.numbers import real, real_array, shown
 from cmbrl.scene import Scene
 
 
@@ -30,6 +30,17 @@ def checked_sets(scene: Scene, observer: Observation, sets: Any) -> np.ndarray:
     for row in rows:
         checked(scene, row[:count] if row.shape == (count + len(observer),) else row)
     return np.array(rows)
+
+
+def replaced(scene: Scene, theta: np.ndarray, values: Mapping[str, Any]) -> np.ndarray:
+    """``theta`` (np,) with the ``values`` of some parameters by name; raises UserError for an unknown name."""
+    known = {p.name: i for i, p in enumerate(scene.parameters)}
+    changed = theta.copy()
+    for name, value in values.items():
+        if name not in known:
+            raise UserError(f"no parameter {shown(name)} in scene {scene.name!r}: {did_you_mean(str(name), known)}")
+        changed[known[name]] = real(value, name)
+    return changed
 
 
 def by_name(scene: Scene, theta: np.ndarray) -> dict[str, float]:

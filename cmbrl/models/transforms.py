@@ -1,4 +1,4 @@
-"""A native step under ``torch.func``: grad, vjp, jacrev and vmap, of which torch asks for functions of another form.
+"""A native step under ``torch.func`` and dual numbers, of which torch asks for functions of another form.
 
 torch's eager functions are faster, since these bind their arguments anew in every call; a step takes them only where a
 transform is active.
@@ -6,11 +6,27 @@ transform is active.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
+from torch.autograd import forward_ad
 
 from cmbrl.models.stepper import NO_SECOND, Stepper, step_backward, step_forward
+
+_transformed: Callable[[], bool] = getattr(torch._C, "_are_functorch_transforms_active", lambda: False)
+
+
+def transforms() -> bool:
+    """Whether torch.func transforms what is called now."""
+    return _transformed()
+
+
+def dual(*given: torch.Tensor) -> bool:
+    """Whether one of ``given`` carries a tangent; only a level of dual numbers lets them."""
+    if getattr(forward_ad, "_current_level", 0) < 0:
+        return False
+    return any(forward_ad.unpack_dual(x).tangent is not None for x in given)
 
 
 class Report:
@@ -42,6 +58,7 @@ class TransformedStep(torch.autograd.Function):
         *given, ctx.stepper, report, _ = inputs
         ctx.tape = report.results["tape"]
         ctx.save_for_backward(*given, output[0])
+        ctx.save_for_forward(*given)
 
     @staticmethod
     def backward(ctx: Any, gq_next: torch.Tensor, gv_next: torch.Tensor) -> Any:  # type: ignore[override]
@@ -51,14 +68,21 @@ class TransformedStep(torch.autograd.Function):
         return *TransformedGradient.apply(*given, ctx.stepper, ctx.tape, ctx.needs_input_grad[3]), None, None, None
 
     @staticmethod
+    def jvp(ctx: Any, *tangents: Any) -> tuple[torch.Tensor, torch.Tensor]:
+        """Jacobian times tangents of q, v, u and theta."""
+        from cmbrl.models.jacobian import push_forward  # which stands above
+
+        return push_forward(ctx.stepper, ctx.saved_tensors, tangents[:4])
+
+    @staticmethod
     def vmap(
         info: Any, in_dims: tuple[int | None, ...], *given: Any
     ) -> tuple[tuple[torch.Tensor, torch.Tensor], tuple[int, int]]:
         """One batch of all rows."""
         *tensors, stepper, report, impulse = given
-        rows = _flat(tensors, in_dims, info.batch_size)
+        rows = flat(tensors, in_dims, info.batch_size)
         q_next, v_next = TransformedStep.apply(*rows, stepper, report, impulse)
-        return (_apart(q_next, info.batch_size), _apart(v_next, info.batch_size)), (0, 0)
+        return (apart(q_next, info.batch_size), apart(v_next, info.batch_size)), (0, 0)
 
 
 class TransformedGradient(torch.autograd.Function):
@@ -79,6 +103,11 @@ class TransformedGradient(torch.autograd.Function):
         raise NO_SECOND
 
     @staticmethod
+    def jvp(ctx: Any, *_: torch.Tensor) -> Any:
+        """Raises UserError."""
+        raise NO_SECOND
+
+    @staticmethod
     def vmap(info: Any, in_dims: tuple[int | None, ...], *given: Any) -> tuple[Any, Any]:
         """Many states with a cotangent each are one batch; many cotangents of the same states one pass each."""
         *tensors, stepper, tape, want_theta = given
@@ -90,9 +119,9 @@ class TransformedGradient(torch.autograd.Function):
             ]
             found = [torch.stack(column) if column[0] is not None else None for column in zip(*passes, strict=True)]
         else:
-            rows = _flat(tensors, in_dims, size)
+            rows = flat(tensors, in_dims, size)
             found = [
-                None if x is None else _apart(x, size)
+                None if x is None else apart(x, size)
                 for x in TransformedGradient.apply(*rows, stepper, tape, want_theta)
             ]
             if want_theta and tensors[3].ndim - (in_dims[3] is not None) == 1:  # one theta for the rows of a batch
@@ -104,7 +133,7 @@ def _chosen(tensors: list[torch.Tensor], dims: tuple[int | None, ...], k: int) -
     return [x if dim is None else x.select(dim, k) for x, dim in zip(tensors, dims, strict=False)]
 
 
-def _flat(tensors: list[torch.Tensor], dims: tuple[int | None, ...], size: int) -> list[torch.Tensor]:
+def flat(tensors: list[torch.Tensor], dims: tuple[int | None, ...], size: int) -> list[torch.Tensor]:
     """Of ``size`` batches (B, ...) each, one batch (size * B, ...); theta (np,) is that of every row."""
     stacked = [
         x.expand(size, *x.shape) if dim is None else x.movedim(dim, 0) for x, dim in zip(tensors, dims, strict=False)
@@ -114,7 +143,7 @@ def _flat(tensors: list[torch.Tensor], dims: tuple[int | None, ...], size: int) 
     return [x.reshape(size * rows, x.shape[-1]) for x in stacked]
 
 
-def _apart(x: torch.Tensor, size: int) -> torch.Tensor:
+def apart(x: torch.Tensor, size: int) -> torch.Tensor:
     return x.reshape(size, -1, *x.shape[1:])
 
 

@@ -36,6 +36,11 @@ class Variations(ABC):
     def to_config(self) -> dict[str, Any]:
         """Its settings and parameters as JSON types."""
 
+    def __repr__(self) -> str:
+        own = self._settings
+        laws = f"{own.integrator}, {own.sliding}, {own.smoothing}"
+        return f"{type(self).__name__}({self.scene!r}, {own.substeps} x {own.time_step:g} s, {laws})"
+
     def for_log(self, dt: float) -> Self:
         """This model with one control step per transition of ``dt`` [s] of a log.
 

@@ -29,6 +29,7 @@ from cmbrl.train.metrics import MetricsLog, Row, as_csv, from_csv
 from cmbrl.train.metrics_plot import plot_metrics
 from cmbrl.train.policy_file import save_policy
 from cmbrl.train.run_texts import progress_text
+from cmbrl.train.sources import check_sources
 from cmbrl.train.trainer import Diverged, Trainer
 
 CHECKPOINT, RESULT, PLOT, DIVERGED = "checkpoint.safetensors", "train.json", "metrics.png", "diverged.npz"
@@ -63,8 +64,10 @@ class TrainingRun:
         resume: continue from the folder's checkpoint.
         checkpoint_seconds: time between checkpoints; there is also one before the first iteration and one at the end.
         options: what tells this run from others, JSON types; a checkpoint of others is refused. Default ``about``.
+        sources: digests of the files that it learns on (:func:`cmbrl.train.sources.sources`).
 
-    Raises UserError if there is no checkpoint to resume from, or if it belongs to another trainer.
+    Raises UserError if there is no checkpoint to resume from, if it belongs to another trainer, or if one of the
+    ``sources`` has changed since.
     """
 
     def __init__(
@@ -75,8 +78,10 @@ class TrainingRun:
         resume: bool = False,
         checkpoint_seconds: float = 60.0,
         options: Mapping[str, Any] | None = None,
+        sources: Mapping[str, str] | None = None,
     ) -> None:
         self.trainer, self.folder, self.about = trainer, Path(folder), dict(about)
+        self.sources = dict(sources or {})
         self._options = json.dumps(dict(about if options is None else options), sort_keys=True)
         self.checkpoint_seconds = checkpoint_seconds
         self.iteration, self.clock = 0, RunClock()
@@ -126,12 +131,12 @@ class TrainingRun:
         return self.iteration >= iterations + self.trainer.further or self.trainer.over
 
     def _checkpoint(self) -> None:
+        self.trainer.keep(self.folder)  # first: a run that goes on from this checkpoint has no fit to write any more
         state = {"iteration": self.iteration, **self.clock.told(), "metrics": as_csv(self._rows)}
-        state["options"] = self._options
+        state |= {"options": self._options, "sources": self.sources}
         save_state(self.folder / CHECKPOINT, {**state, "trainer": self.trainer.state()})
         about = self.about | self._conditions() | {"iteration": self.iteration}
         save_policy(self.trainer.policy, self.folder, about)
-        self.trainer.keep(self.folder)
 
     def _conditions(self) -> dict[str, Any]:
         found = self.trainer.conditions()
@@ -142,6 +147,7 @@ class TrainingRun:
         state = load_state(path)
         if state.get("options") != self._options:
             raise UserError(f"{path}: belongs to a run with other options: choose another --out")
+        check_sources(self.folder, state.get("sources", {}), self.sources)  # runs of an earlier version tell none
         try:
             self.trainer.restore(state["trainer"])
             self.iteration = int(state["iteration"])

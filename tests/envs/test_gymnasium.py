@@ -269,3 +269,43 @@ def test_pictures():
     real.reset(seed=0)
     assert np.array_equal(real.render(), env.render()), "the same state in the same scene"
     assert torch.equal(real.unwrapped._q, env.unwrapped._q)
+
+
+def test_pictures_and_infos_of_a_vector_environment():
+    """As those of single environments from the same states; of a step that ends an episode, apart."""
+    many = gymnasium.make_vec("cmbrl/Hopper-v0", num_envs=2, render_mode="rgb_array", width=80, height=60)
+    single = gymnasium.make("cmbrl/Hopper-v0", render_mode="rgb_array", width=80, height=60).unwrapped
+    many.reset(seed=3)
+    single.reset(seed=0)
+    single._q, single._v = many.simulation.q[1:].clone(), many.simulation.v[1:].clone()
+    pictures = many.render()
+    assert [x.shape for x in pictures] == [(60, 80, 3)] * 2
+    assert np.array_equal(pictures[1], single.render())
+    ended = False
+    while not ended:
+        infos = many.step(np.ones((2, 3), np.float32))[4]
+        *_, ended, _, info = single.step(np.ones(3))
+        told = infos["final_info"] if ended else infos
+        assert info.keys() <= told.keys()
+        for name, value in info.items():
+            assert told[name][1] == pytest.approx(value, abs=1e-9)
+            assert told[f"_{name}"][1]
+            assert infos[f"_{name}"][1] == (not ended)
+    assert infos["_final_info"][1]
+    many.close()
+    with pytest.raises(UserError, match="render_mode 'human'"):
+        gymnasium.make_vec("cmbrl/Hopper-v0", num_envs=2, render_mode="human")
+    assert gymnasium.make_vec("cmbrl/Hopper-v0", num_envs=2).render() is None
+
+
+def test_a_wrong_call_is_one_line():
+    env = gymnasium.make("cmbrl/Hopper-v0", render_mode="rgb_array").unwrapped
+    for call in (env.render, lambda: env.step(np.zeros(3))):
+        with pytest.raises(UserError, match=r"has not begun: call reset\(\)"):
+            call()
+    env.reset(seed=0)
+    for action in (np.zeros(4), 0.5, np.zeros((1, 3))):
+        with pytest.raises(UserError, match=r"the action has shape .*: give \(3,\)"):
+            env.step(action)
+    with pytest.raises(UserError, match=r"actions have shape \(3, 3\): give \(2, 3\)"):
+        gymnasium.make_vec("cmbrl/Hopper-v0", num_envs=2).step(np.zeros((3, 3)))

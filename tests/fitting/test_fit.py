@@ -228,6 +228,31 @@ def test_folder_of_another_fit(carts, data, tmp_path):
         cmbrl.fit(carts.model(2), data, groups=["tilt"], budget=QUICK, folder=tmp_path)
 
 
+def test_a_robot_that_has_changed_is_another_fit(tmp_path):
+    """Also by what no parameter is, such as a limit."""
+    robot = """<mujoco><option timestep="0.01"/><worldbody><body><joint name="swing" axis="0 1 0" damping="0.1"
+        range="-{} {}" limited="true"/><geom type="sphere" size="0.1" pos="0.3 0 0" mass="1"/></body></worldbody>
+        </mujoco>"""
+    model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(robot.format(170, 170)))
+    rows, rng = [], np.random.default_rng(0)
+    for _ in range(8):
+        q, v = rng.normal(size=(1, 1)), rng.normal(size=(1, 1))
+        for _ in range(30):
+            after = model.predict(q, v, np.zeros((1, 0)))
+            rows.append((q[0], v[0], after.q_next[0], after.v_next[0]))
+            q, v = after.q_next, after.v_next
+    q, v, q_next, v_next = map(np.array, zip(*rows, strict=True))
+    log = cmbrl.Transitions(
+        q=q, v=v, u=np.zeros((240, 0)), q_next=q_next, v_next=v_next, dt=0.01, episode=np.arange(240) // 30
+    )
+    options = {"groups": ["damping"], "budget": QUICK, "folder": tmp_path}
+    first = cmbrl.fit(model, log, **options)
+    assert cmbrl.fit(model, log, **options).parameters == first.parameters
+    changed = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(robot.format(160, 170)))
+    with pytest.raises(UserError, match="belongs to another fit"):
+        cmbrl.fit(changed, log, **options)
+
+
 def test_log_of_another_robot(carts, data):
     with pytest.raises(UserError, match="another robot"):
         cmbrl.fit(carts.model(3), data)

@@ -8,6 +8,8 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from torch.autograd import forward_ad
+from torch.func import jacrev, jvp, vmap
 
 from cmbrl.errors import UserError
 from cmbrl.models.body_motion import BodyMotions
@@ -103,6 +105,31 @@ def test_products_agree_with_finite_differences(scene: Scene, carried: bool) -> 
         slope = (ends[0] - ends[1]).numpy() / 2e-6
         moved = (scene.integrate(at, 1e-6 * dq) - scene.integrate(at, -1e-6 * dq)) / 2e-6
         np.testing.assert_allclose((gq.numpy() * moved).sum(1) + (gv.numpy() * dv).sum(1), slope, rtol=1e-6, atol=1e-6)
+
+
+def test_torch_func_goes_backwards_through_motions() -> None:
+    """jacrev and vmap as backward passes one by one; what goes forwards is refused, never zero."""
+    scene = Scene.from_mjcf(TOOL)
+    motions = BodyMotions(scene, ["tip"])
+    q, v = states(scene, 3)
+
+    def tip(q: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        motion = motions(q, v)
+        return torch.cat([motion.position, motion.linear], dim=-1)[:, 0]
+
+    x = q.clone().requires_grad_()
+    expected = torch.stack([torch.autograd.grad(y, x, retain_graph=True)[0] for y in tip(x, v).ravel()])
+    assert expected.abs().max() > 0.1
+    torch.testing.assert_close(jacrev(tip)(q, v).reshape(expected.shape), expected)
+    alone = vmap(jacrev(lambda q, v: tip(q[None], v[None])[0]))(q, v)
+    for k in range(3):
+        torch.testing.assert_close(alone[k], jacrev(tip)(q, v)[k, :, k])
+    with pytest.raises(UserError, match="go backwards only: use jacrev"):
+        jvp(lambda q: tip(q, v), (q,), (v,))
+    with forward_ad.dual_level(), torch.no_grad(), pytest.raises(UserError, match="go backwards only"):
+        tip(forward_ad.make_dual(q, v), v)
+    with pytest.raises(UserError, match="first derivatives only"):
+        jacrev(jacrev(lambda q: tip(q, v)))(q)
 
 
 def test_rows_that_are_not_finite_and_copies(scene: Scene) -> None:

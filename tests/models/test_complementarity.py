@@ -39,6 +39,32 @@ def test_fills_the_protocol(scene: Scene) -> None:
     np.testing.assert_allclose(q_next[:, 3:].norm(dim=1).numpy(), 1.0, atol=1e-14)
 
 
+def test_parameters_by_name(scene: Scene) -> None:
+    model = ComplementarityModel(scene, 2)
+    names = [p.name for p in scene.parameters]
+    changed = model.with_parameters({"friction.cube": 0.3, "mass.cube": 2})
+    expected = model.parameters.copy()
+    expected[[names.index("friction.cube"), names.index("mass.cube")]] = 0.3, 2.0
+    np.testing.assert_array_equal(changed.parameters, expected)
+    again = changed.with_parameters({"mass.cube": 1.5})
+    assert again.parameters[names.index("friction.cube")] == 0.3, "what is not named stays"
+    assert changed.to_config()["substeps"] == 2
+    wrong = [
+        ({"friction.cub": 1.0}, "did you mean 'friction.cube'"),
+        ({"mass.cube": -1}, "outside its bounds"),
+        ({"mass.cube": "heavy"}, "mass.cube = 'heavy': give a number"),
+    ]
+    for values, told in wrong:
+        with pytest.raises(UserError, match=told):
+            model.with_parameters(values)
+
+
+def test_a_model_tells_what_it_is(scene: Scene) -> None:
+    told = repr(ComplementarityModel(scene, 2, 0.003, Barrier(1e-3)))
+    for part in (repr(scene), "2 x 0.003 s", "semi-implicit", "coulomb", "Barrier"):
+        assert part in told
+
+
 @pytest.mark.parametrize("smoothing", [Exact(), Barrier(1e-3), Barrier(length=1e-3), Gaussian(length=0.02)])
 def test_config_round_trip(scene: Scene, smoothing: Exact | Barrier | Gaussian) -> None:
     theta = scene.parameter_vector()

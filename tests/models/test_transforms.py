@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import pytest
 import torch
-from torch.func import grad, jacrev, vmap
+from torch.autograd import forward_ad
+from torch.func import grad, hessian, jacfwd, jacrev, jvp, vmap
 
-from cmbrl.contact import Barrier
+from cmbrl.contact import Barrier, Relaxed
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
@@ -83,6 +87,88 @@ def test_gradients_of_many_batches(model: ComplementarityModel, states: tuple[to
         torch.testing.assert_close(by_theta[k], expected[1], rtol=1e-12, atol=1e-12)
         alone = one_by_one(model, model.step(q[k], x, u[k])[1].ravel(), x)
         torch.testing.assert_close(jacobians[k].reshape(alone.shape), alone, rtol=1e-12, atol=1e-12)
+
+
+def both_ways(model: ComplementarityModel, given: tuple[torch.Tensor, ...], k: int) -> tuple[torch.Tensor, ...]:
+    """The Jacobian by argument k, forwards and backwards."""
+
+    def outcome(*arguments: torch.Tensor) -> torch.Tensor:
+        return torch.cat(model.step(*arguments), dim=1)
+
+    return jacfwd(outcome, argnums=k)(*given), jacrev(outcome, argnums=k)(*given)
+
+
+@pytest.mark.parametrize("k", range(4))
+def test_a_jacobian_by_forward_mode(model: ComplementarityModel, states: tuple[torch.Tensor, ...], k: int) -> None:
+    """Also where the derivative is softer than the step, over several physics steps."""
+    soft = model.with_settings(substeps=3, smoothing=Relaxed(1e-3), backward_smoothing=Relaxed(1e-2))
+    given = (*(x[0] for x in states), torch.tensor(model.parameters))
+    for one in (model, soft):
+        forwards, backwards = both_ways(one, given, k)
+        assert backwards.abs().max() > 1e-6
+        torch.testing.assert_close(forwards, backwards, rtol=1e-9, atol=1e-9)
+
+
+def test_parameters_of_their_own_by_forward_mode(model: ComplementarityModel, states: tuple[torch.Tensor, ...]) -> None:
+    theta = torch.tensor(model.parameters).repeat(2, 1)
+    forwards, backwards = both_ways(model, (*(x[0] for x in states), theta), 3)
+    torch.testing.assert_close(forwards, backwards, rtol=1e-9, atol=1e-9)
+
+
+def test_a_tangent_goes_through_a_rollout(model: ComplementarityModel, states: tuple[torch.Tensor, ...]) -> None:
+    """Three steps: the directional derivative, by torch.func and by dual numbers, with and without gradients."""
+    q, v, u = (x[0] for x in states)
+    direction = torch.randn_like(v)
+
+    def end(v: torch.Tensor) -> torch.Tensor:
+        at, speed = q, v
+        for _ in range(3):
+            at, speed = model.step(at, speed, u)
+        return torch.cat([at, speed], dim=1)
+
+    x = v.clone().requires_grad_()
+    weight = torch.randn_like(end(v))
+    (cotangent,) = torch.autograd.grad((weight * end(x)).sum(), x)
+    expected = (cotangent * direction).sum()
+    found = [(weight * jvp(end, (v,), (direction,))[1]).sum()]
+    with forward_ad.dual_level():
+        dual = forward_ad.make_dual(v, direction)
+        for mode in (torch.enable_grad, torch.no_grad):
+            with mode():
+                found.append((weight * forward_ad.unpack_dual(end(dual)).tangent).sum())
+        assert forward_ad.unpack_dual(end(v)).tangent is None
+    for one in found:
+        torch.testing.assert_close(one, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_forward_mode_of_many_batches(model: ComplementarityModel, states: tuple[torch.Tensor, ...]) -> None:
+    found = vmap(lambda q, v, u: jacfwd(lambda v: model.step(q, v, u)[1])(v))(*states)
+    for k in range(MANY):
+        q, v, u = (x[k] for x in states)
+        alone = jacrev(lambda v, q=q, u=u: model.step(q, v, u)[1])(v)
+        torch.testing.assert_close(found[k], alone, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("strategy", ["reverse-mode", "forward-mode"])
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_vectorised_jacobians_of_torch_autograd(
+    model: ComplementarityModel, states: tuple[torch.Tensor, ...], strategy: str
+) -> None:
+    given = (*(x[0] for x in states), torch.tensor(model.parameters))
+    jacobian = torch.autograd.functional.jacobian
+    found = jacobian(model.step, given, vectorize=True, strategy=strategy)
+    expected = jacobian(model.step, given)
+    for ours, theirs in zip(found, expected, strict=True):
+        torch.testing.assert_close(ours, theirs, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("second", [hessian, lambda f: jacrev(jacfwd(f)), lambda f: jacfwd(jacfwd(f))])
+def test_a_second_derivative_by_forward_mode_is_refused(
+    model: ComplementarityModel, states: tuple[torch.Tensor, ...], second: Callable[..., Any]
+) -> None:
+    q, v, u = (x[0] for x in states)
+    with pytest.raises(UserError, match="first derivatives only"):
+        second(lambda v: model.step(q, v, u)[1].sum())(v)
 
 
 def test_a_second_derivative_is_refused(model: ComplementarityModel, states: tuple[torch.Tensor, ...]) -> None:

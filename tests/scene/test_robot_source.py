@@ -196,3 +196,10 @@ def test_negative_numbers_that_mean_nothing_are_refused(element: str, field: str
 def test_negative_numbers_that_mean_something_act_as_mujocos(element: str, attribute: str) -> None:
     text = with_one(element, attribute)
     assert worst_step(Scene.from_mjcf(text), mujoco.MjModel.from_xml_string(text), spread=0.2) < 1e-6
+
+
+def test_a_path_that_is_not_utf8_is_one_line(tmp_path: Path) -> None:
+    file = tmp_path / os.fsdecode(b"r\xf3bot.xml")
+    file.write_text("<mujoco/>", encoding="utf-8")
+    with pytest.raises(UserError, match=r"the path is not UTF-8: rename it, or set a UTF-8 locale"):
+        Scene.from_mjcf(file)

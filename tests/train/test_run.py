@@ -139,6 +139,34 @@ def test_a_kill_before_the_first_iteration_ends_can_be_resumed(tmp_path: Path) -
     assert run.train(2).iteration == 2
 
 
+def test_what_a_trainer_keeps_is_there_before_the_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that was killed between them would never write the loop's fit: what goes on has only the model."""
+
+    class Keeps(Toy):
+        def keep(self, folder: Path) -> None:
+            (folder / "fit").write_text(str(self.iteration))
+
+    run = TrainingRun(Keeps(), tmp_path, ABOUT, checkpoint_seconds=0)
+
+    def killed(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("cmbrl.train.run.save_state", killed)
+    with pytest.raises(MemoryError):
+        run.train(12)
+    assert (tmp_path / "fit").read_text() == "1"
+
+
+def test_a_run_on_files_that_have_changed_is_not_resumed(tmp_path: Path) -> None:
+    """One of an earlier version, which noted none, is."""
+    TrainingRun(Toy(), tmp_path, ABOUT, sources={"robot.xml": "a", "log.npz": "b"}).train(2)
+    with pytest.raises(UserError, match=r"robot.xml: has changed since .* restore it, or choose another --out"):
+        TrainingRun(Toy(), tmp_path, ABOUT, resume=True, sources={"robot.xml": "c", "log.npz": "b"})
+    TrainingRun(Toy(), tmp_path, ABOUT, resume=True, sources={"robot.xml": "a"}).train(3)
+    TrainingRun(Toy(), tmp_path / "old", ABOUT).train(2)
+    TrainingRun(Toy(), tmp_path / "old", ABOUT, resume=True, sources={"robot.xml": "a"}).train(3)
+
+
 def test_ctrl_c_ends_after_the_iteration_and_keeps_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     toy = Toy(interrupt_at=3)
     outcome = TrainingRun(toy, tmp_path, ABOUT).train(12)

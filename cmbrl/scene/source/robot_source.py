@@ -72,7 +72,7 @@ def compile_robot(source: RobotSource, ignore: Collection[str] = ()) -> Compiled
             model, notes = _from_xml(root, label, Path(label), text, ignore)
         else:
             file = regular_file(source, _REMEDY)
-            label = str(file)
+            label = _named(file)
             root = check_xml(file)
             model, notes = _from_xml(root, label, file, None, ignore)
     try:
@@ -83,6 +83,16 @@ def compile_robot(source: RobotSource, ignore: Collection[str] = ()) -> Compiled
     _check_inertia(model, label)
     _check_values(model, label)
     return Compiled(model, label, file, tuple(warnings), notes)
+
+
+def _named(file: Path) -> str:
+    """The path as MuJoCo takes it; raises UserError for one that is not UTF-8, as by a locale of another encoding."""
+    label = str(file)
+    try:
+        label.encode()
+    except UnicodeEncodeError:
+        raise UserError(f"{label}: the path is not UTF-8: rename it, or set a UTF-8 locale (LC_ALL=C.UTF-8)") from None
+    return label
 
 
 def _from_xml(
