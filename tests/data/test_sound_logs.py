@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl.data import plausible, read_trajectories
-from cmbrl.data.plausible import commands, frames, motion, still, units
+from cmbrl.data.plausible import commands, frames, limits, motion, still
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
 from cmbrl.registry import load_task
@@ -194,21 +194,21 @@ def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: P
     thrown[200:205] += 0.2
     for place, told in ((thrown, False), (1e3 * q, True)):
         found = motion.of_transitions(log | {"q": place[:-1], "q_next": place[1:]}, scene)
-        assert bool(list(units.beyond_limits(found))) == told
+        assert bool(list(limits.beyond_limits(found))) == told
 
 
 @pytest.mark.parametrize(
-    ("limits", "sign", "told"), [("0 86", 1.0, False), ("0 86", -1.0, True), ("-86 86", -1.0, False)]
+    ("reach", "sign", "told"), [("0 86", 1.0, False), ("0 86", -1.0, True), ("-86 86", -1.0, False)]
 )
 def test_a_joint_that_counts_the_other_way_shows_where_its_limits_reach_to_one_side(
-    limits: str, sign: float, told: bool, tmp_path: Path
+    reach: str, sign: float, told: bool, tmp_path: Path
 ) -> None:
     """As a finger that bends by tendons, whose commands tell no sign of a joint."""
-    scene = scene_of(tmp_path, "finger", f'<body><joint name="mcp" range="{limits}"/><geom size=".1"/></body>')
+    scene = scene_of(tmp_path, "finger", f'<body><joint name="mcp" range="{reach}"/><geom size=".1"/></body>')
     q = sign * (0.7 + 0.5 * np.sin(0.1 * np.arange(400)))[:, None]
     log = {"q": q[:-1], "q_next": q[1:], "v": np.diff(q, axis=0) / 0.02, "v_next": np.diff(q, axis=0) / 0.02}
     log |= {"u": np.zeros((399, 0)), "dt": 0.02, "episode": np.zeros(399)}
-    found = list(units.mirrored(motion.of_transitions(log, scene)))
+    found = list(limits.mirrored(motion.of_transitions(log, scene)))
     assert [finding.sure for finding in found] == [False] * told
     assert all("mcp.position:- (or :+X" in finding.text for finding in found)
 
@@ -221,7 +221,7 @@ def test_a_joint_that_goes_on_beyond_its_limits_is_told(turns: float, thrown: in
     q[100 : 100 + thrown] += 2.0 * np.pi
     log = {"q": q[:-1], "q_next": q[1:], "v": np.diff(q, axis=0) / 0.02, "v_next": np.diff(q, axis=0) / 0.02}
     log |= {"u": np.zeros((399, 0)), "dt": 0.02, "episode": np.zeros(399)}
-    found = list(units.past_stops(motion.of_transitions(log, scene)))
+    found = list(limits.past_stops(motion.of_transitions(log, scene)))
     assert [finding.sure for finding in found] == [False] * told
     assert all("wheel" in finding.text and "Widen the range" in finding.text for finding in found)
 
