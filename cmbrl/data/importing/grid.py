@@ -37,6 +37,7 @@ class Counts:
     resampled: int = 0
     lost: int = 0
     repeated: dict[str, int] = field(default_factory=dict)  #: by recording
+    spread: dict[str, float] = field(default_factory=dict)  #: [s] between rows that shared times, by recording
     gaps: int = 0
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)

@@ -7,7 +7,8 @@ from collections.abc import Collection, Iterable, Mapping
 
 from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.state import arrays, layout
-from cmbrl.data.importing.targets import SINGLE, WORDS
+from cmbrl.data.importing.targets import SINGLE
+from cmbrl.data.importing.words import WORDS
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.info.columns import counted
