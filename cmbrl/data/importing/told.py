@@ -129,6 +129,11 @@ def told(counts: Counts, gap: int) -> list[str]:
             f"{where}: several rows have each time, as of a clock with few digits: they are taken {step:.3g} s apart; "
             "leave the times out by --map COLUMN=- and give --rate HZ if you know it"
         )
+    notes += [
+        f"{where}: from {first:.6g} to {last:.6g} s there are twice as many samples as elsewhere, as where a clock was "
+        "set back: they are left out"
+        for where, (first, last) in counts.laid_over.items()
+    ]
     if counts.gaps:
         notes.append(f"{counted(counts.gaps, 'gap')} of more than {gap} samples, where an episode ends")
     if counts.short:
