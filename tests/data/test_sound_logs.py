@@ -343,3 +343,17 @@ def test_loads_that_noise_hides_are_no_sign_error(tmp_path: Path) -> None:
     log = {"q": q[:-1], "q_next": q[1:], "v": logged[:-1], "v_next": logged[1:], "u": u, "dt": dt}
     found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
     assert list(commands.forces(found, found.answers())) == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-5, 1e-4])
+def test_a_robot_that_stands_still_at_first_on_coarse_encoders_is_one_robot(noise: float, tmp_path: Path) -> None:
+    """Some joints rest between two counts and flicker, others do not."""
+    file = arm_file(tmp_path, servo=True)
+    log, rng, count, rows = position_log(file, noise=0.0), np.random.default_rng(0), 2 * np.pi / 16384, 1000
+    rest = np.array([0.49, 0.0, 0.0]) * count + count * np.round(log.position[0] / count)
+    q = np.concatenate([np.repeat(rest[None], rows, axis=0), log.position])
+    q = count * np.round((q + noise * rng.standard_normal(q.shape)) / count)
+    u = np.concatenate([np.repeat(log.command[:1], rows, axis=0), log.command])
+    still_first = replace(log, time=0.005 * np.arange(len(q)), position=q, command=u, episode=np.zeros(len(q), int))
+    scene = Scene.from_mjcf(file)
+    assert [one.text for one in plausible.of_positions(still_first, scene)] == []

@@ -39,7 +39,7 @@ class Counts:
     lost: int = 0
     repeated: dict[str, int] = field(default_factory=dict)  #: by recording
     spread: dict[str, float] = field(default_factory=dict)  #: [s] between rows that shared times, by recording
-    laid_over: dict[str, tuple[float, float]] = field(default_factory=dict)  #: [s] of two stretches, by recording
+    laid_over: dict[str, tuple[float, float]] = field(default_factory=dict)  #: [s] from its start, by recording
     gaps: int = 0
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)
@@ -74,7 +74,7 @@ def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str
     counts.repeated[where] = max(counts.repeated.get(where, 0), int((~new).sum()))
     time, values = time[new], values[new]
     if kind != "held" and (both := laid_over(time, step)):
-        counts.laid_over[where] = both
+        counts.laid_over[where] = both[0] - float(time[0]), both[1] - float(time[0])
         alone = (time < both[0]) | (time > both[1])
         time, values = time[alone], values[alone]
     if kind == "turn":

@@ -130,8 +130,8 @@ def told(counts: Counts, gap: int) -> list[str]:
             "leave the times out by --map COLUMN=- and give --rate HZ if you know it"
         )
     notes += [
-        f"{where}: from {first:.6g} to {last:.6g} s there are twice as many samples as elsewhere, as where a clock was "
-        "set back: they are left out"
+        f"{where}: from {first:.4g} to {last:.4g} s after its start there are twice as many samples as elsewhere, as "
+        "where a clock was set back: they are left out"
         for where, (first, last) in counts.laid_over.items()
     ]
     if counts.gaps:
