@@ -20,7 +20,7 @@ from cmbrl.data.plausible.motion import Motion
 from cmbrl.data.plausible.still import MEANT
 
 _SPAN = 0.1  # [s] of motion over which a lag shows
-_SAMPLES, _LEAST = 1.5, 2e-3  # time steps, s: drivers that difference positions are half a step late
+_SAMPLES, _LEAST = 1.5, 4e-3  # time steps, s: drivers that difference positions are half a step late; less is as noise
 _EXPLAINED = 0.5  # of what positions and velocities disagree by
 _ROWS, _MOST = 200, 20000  # that tell a lag; that are looked at
 _SHARE = 0.5  # of the joints that move
