@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cmbrl.data import plausible, read_trajectories
-from cmbrl.data.plausible import commands, frames, motion, still, units
+from cmbrl.data.plausible import commands, frames, limits, motion, still
 from cmbrl.data.position_log import PositionLog
 from cmbrl.models.source import load_source
 from cmbrl.registry import load_task
@@ -194,21 +194,21 @@ def test_a_blow_that_throws_a_joint_far_beyond_its_limits_is_no_unit(tmp_path: P
     thrown[200:205] += 0.2
     for place, told in ((thrown, False), (1e3 * q, True)):
         found = motion.of_transitions(log | {"q": place[:-1], "q_next": place[1:]}, scene)
-        assert bool(list(units.beyond_limits(found))) == told
+        assert bool(list(limits.beyond_limits(found))) == told
 
 
 @pytest.mark.parametrize(
-    ("limits", "sign", "told"), [("0 86", 1.0, False), ("0 86", -1.0, True), ("-86 86", -1.0, False)]
+    ("reach", "sign", "told"), [("0 86", 1.0, False), ("0 86", -1.0, True), ("-86 86", -1.0, False)]
 )
 def test_a_joint_that_counts_the_other_way_shows_where_its_limits_reach_to_one_side(
-    limits: str, sign: float, told: bool, tmp_path: Path
+    reach: str, sign: float, told: bool, tmp_path: Path
 ) -> None:
     """As a finger that bends by tendons, whose commands tell no sign of a joint."""
-    scene = scene_of(tmp_path, "finger", f'<body><joint name="mcp" range="{limits}"/><geom size=".1"/></body>')
+    scene = scene_of(tmp_path, "finger", f'<body><joint name="mcp" range="{reach}"/><geom size=".1"/></body>')
     q = sign * (0.7 + 0.5 * np.sin(0.1 * np.arange(400)))[:, None]
     log = {"q": q[:-1], "q_next": q[1:], "v": np.diff(q, axis=0) / 0.02, "v_next": np.diff(q, axis=0) / 0.02}
     log |= {"u": np.zeros((399, 0)), "dt": 0.02, "episode": np.zeros(399)}
-    found = list(units.mirrored(motion.of_transitions(log, scene)))
+    found = list(limits.mirrored(motion.of_transitions(log, scene)))
     assert [finding.sure for finding in found] == [False] * told
     assert all("mcp.position:- (or :+X" in finding.text for finding in found)
 
@@ -221,7 +221,7 @@ def test_a_joint_that_goes_on_beyond_its_limits_is_told(turns: float, thrown: in
     q[100 : 100 + thrown] += 2.0 * np.pi
     log = {"q": q[:-1], "q_next": q[1:], "v": np.diff(q, axis=0) / 0.02, "v_next": np.diff(q, axis=0) / 0.02}
     log |= {"u": np.zeros((399, 0)), "dt": 0.02, "episode": np.zeros(399)}
-    found = list(units.past_stops(motion.of_transitions(log, scene)))
+    found = list(limits.past_stops(motion.of_transitions(log, scene)))
     assert [finding.sure for finding in found] == [False] * told
     assert all("wheel" in finding.text and "Widen the range" in finding.text for finding in found)
 
@@ -343,3 +343,17 @@ def test_loads_that_noise_hides_are_no_sign_error(tmp_path: Path) -> None:
     log = {"q": q[:-1], "q_next": q[1:], "v": logged[:-1], "v_next": logged[1:], "u": u, "dt": dt}
     found = motion.of_transitions(log | {"episode": np.zeros(rows)}, scene)
     assert list(commands.forces(found, found.answers())) == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 3e-5, 1e-4])
+def test_a_robot_that_stands_still_at_first_on_coarse_encoders_is_one_robot(noise: float, tmp_path: Path) -> None:
+    """Some joints rest between two counts and flicker, others do not."""
+    file = arm_file(tmp_path, servo=True)
+    log, rng, count, rows = position_log(file, noise=0.0), np.random.default_rng(0), 2 * np.pi / 16384, 1000
+    rest = np.array([0.49, 0.0, 0.0]) * count + count * np.round(log.position[0] / count)
+    q = np.concatenate([np.repeat(rest[None], rows, axis=0), log.position])
+    q = count * np.round((q + noise * rng.standard_normal(q.shape)) / count)
+    u = np.concatenate([np.repeat(log.command[:1], rows, axis=0), log.command])
+    still_first = replace(log, time=0.005 * np.arange(len(q)), position=q, command=u, episode=np.zeros(len(q), int))
+    scene = Scene.from_mjcf(file)
+    assert [one.text for one in plausible.of_positions(still_first, scene)] == []

@@ -11,6 +11,7 @@ import pytest
 from cmbrl import UserError
 from cmbrl.data.importing import Options, import_logs
 from cmbrl.data.importing.base import mapping_of
+from cmbrl.data.importing.whole_arrays import by_column
 from cmbrl.data.position_log import PositionLog
 from cmbrl.scene import Scene
 
@@ -112,3 +113,19 @@ def test_numbered_columns_between_spaces(recorded: SimpleNamespace, tmp_path: Pa
             assert isinstance(found, PositionLog)
             np.testing.assert_allclose(found.position, log.position, atol=1e-9)
             np.testing.assert_allclose(found.command, log.command, atol=1e-9)
+
+
+def test_an_array_of_the_driven_joints_alone() -> None:
+    """A gripper whose second finger follows the first: a command for the first alone."""
+    scene = Scene.from_mjcf(
+        """<mujoco><worldbody><body><joint name="turn" axis="0 0 1"/><geom size=".1"/>
+        <body><joint name="left" type="slide"/><geom size=".01" pos=".2 0 0"/></body>
+        <body><joint name="right" type="slide"/><geom size=".01" pos=".3 0 0"/></body></body></worldbody>
+        <equality><joint joint1="right" joint2="left" polycoef="0 -1 0 0 0"/></equality>
+        <actuator><position joint="turn" kp="9"/><position joint="left" kp="9"/></actuator></mujoco>"""
+    )
+    columns = ["actions[0]", "actions[1]"]
+    told = {"actions[0]": "turn.command", "actions[1]": "left.command"}
+    assert by_column({"actions": "command"}, columns, scene) == told
+    with pytest.raises(UserError, match="has 1 column and the robot 3 joints"):
+        by_column({"actions": "command"}, columns[:1], scene)

@@ -18,6 +18,7 @@ from cmbrl.data.importing import (
     kept,
     measured_gains,
     state,
+    velocities,
     whereabouts,
     whole_arrays,
 )
@@ -29,10 +30,10 @@ from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.options import Options
 from cmbrl.data.importing.readers import read
 from cmbrl.data.importing.recording import Recording
-from cmbrl.data.importing.series import series_of
+from cmbrl.data.importing.series import clocks_of, series_of
 from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
-from cmbrl.data.importing.told import UNUSED, no_column, short, told
+from cmbrl.data.importing.told import UNUSED, no_column, not_read, short, told
 from cmbrl.data.importing.untold import assumed
 from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.transitions import Transitions
@@ -97,6 +98,13 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         raise UserError("transitions have no place for kp and kd: write them into the file, or import positions")
     gains_told |= any(name.partition(".")[0] in ("kp", "kd") for name in recordings[0].constants)
     kind = options.kind or ("positions" if captured or by_feet else _kind(keys, scene, gains_told))
+    late = velocities.lagging(episodes, dt, scene) if kind == "transitions" and not options.kind else ""
+    if late and build.one_base(scene) and Commanded.of(keys, scene):
+        kind = "positions"
+        columns.append(
+            f"velocities of {late}, as a driver's filter makes them: the log has positions and commands alone; --as "
+            "transitions keeps velocities"
+        )
     columns = [*kept.columns_told(read_as, keys, kind, scene, without), *columns]
     sizes = f"{counted(len(episodes), 'episode')} from {counted(len(paths), 'file')}"
     notes = [f"{sizes}, a sample every {dt:.6g} s", *told(counts, options.gap), *columns, *state_told, *by_feet]
@@ -112,6 +120,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
         if wanted := controls.undriven(keys, scene):
             raise UserError(
                 f"{series[0][0]}: {wanted}{''.join(f'; {note}' for note in columns if note.startswith(UNUSED))}"
+                f"{not_read(recordings[0])}"
             )
         source: dict[str, Any] = {"imported": [str(path) for path in paths]}
         log, estimated = build.transitions(episodes, dt, scene, options.frames, options.window, source)
@@ -147,6 +156,8 @@ def _series(
         targets: dict[str, Target] = {}
         for part in parts:  # each has a time of its own
             targets |= match(part, {name: given[name] for name in part if name in given}, scene, options.angles)
+        targets |= clocks_of(recording, targets)
+        notes += [x for x in _told_by_readers(recording, targets) if x not in notes]
         matched.append((recording, targets))
         mapped |= given
         first = first if first[0] else (columns, targets)
@@ -187,6 +198,12 @@ def _series(
     return found, first, notes + assumed(matched, mapped, scene, options.angles) + clocks, bool(clocks)
 
 
+def _told_by_readers(recording: Recording, targets: Mapping[str, Target]) -> list[str]:
+    """What a reader has left out, and what names of columns have made of them."""
+    told = [f"{recording.where}: {note}" for note in recording.notes]
+    return told + [f"{column} is taken {target.told}" for column, target in targets.items() if target.told]
+
+
 def _check_whole(
     series: Mapping[Key, Series],
     recording: Recording,
@@ -198,7 +215,8 @@ def _check_whole(
     standing = feet.told_by_feet(set(series), scene)
     places = [f"{standing.name}.{x}" for x in PLACE] if standing else []
     if missing := [name for name in build.lacking(set(series), scene) if name not in places]:
-        raise UserError(f"{recording.where}: {no_column(missing[0], columns, targets, series, scene)}")
+        told = no_column(missing[0], columns, targets, series, scene)
+        raise UserError(f"{recording.where}: {told}{not_read(recording)}")
 
 
 def _floats(scene: Scene) -> bool:

@@ -59,12 +59,16 @@ def mapping_of(columns: Iterable[str], given: Mapping[str, str], order: str | No
 
 
 def _only_pose(columns: Iterable[str], given: Mapping[str, str]) -> dict[str, str]:
-    """Targets of the columns NAME.x to NAME.qz, where there is one such NAME and none of them was ``given``."""
+    """Targets of the columns NAME.x to NAME.qz, where there is one such NAME and none of them was ``given``.
+
+    Frames of /tf, among which are all links of a robot, count where no topic of its own tells a pose.
+    """
     heads: dict[str, set[str]] = {}
     for column in columns:
         head, _, last = column.rpartition(".")
         heads.setdefault(head, set()).add(last)
     poses = [head for head, parts in heads.items() if parts >= {*PLACE, *TURN}]
+    poses = [head for head in poses if "tf" not in head.split(".")[:-1]] or poses
     if len(poses) != 1 or not poses[0] or any(word.partition(".")[2] in (*PLACE, *TURN) for word in given.values()):
         return {}
     return {f"{poses[0]}.{x}": f"base.{x}" for x in (*PLACE, *TURN) if f"{poses[0]}.{x}" not in given}

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cmbrl.data.checks import LARGEST
+from cmbrl.data.importing.set_back import laid_over
 from cmbrl.errors import UserError
 
 Key = tuple[str, str]  #: owner and quantity
@@ -37,6 +38,8 @@ class Counts:
     resampled: int = 0
     lost: int = 0
     repeated: dict[str, int] = field(default_factory=dict)  #: by recording
+    spread: dict[str, float] = field(default_factory=dict)  #: [s] between rows that shared times, by recording
+    laid_over: dict[str, tuple[float, float]] = field(default_factory=dict)  #: [s] from its start, by recording
     gaps: int = 0
     short: int = 0
     turns: dict[str, int] = field(default_factory=dict)
@@ -70,6 +73,10 @@ def clean(name: str, where: str, time: np.ndarray, values: np.ndarray, kind: str
     new = np.concatenate([[True], np.diff(time) > 1e-3 * step])
     counts.repeated[where] = max(counts.repeated.get(where, 0), int((~new).sum()))
     time, values = time[new], values[new]
+    if kind != "held" and (both := laid_over(time, step)):
+        counts.laid_over[where] = both[0] - float(time[0]), both[1] - float(time[0])
+        alone = (time < both[0]) | (time > both[1])
+        time, values = time[alone], values[alone]
     if kind == "turn":
         values = _continuous(name, where, values)
     return Series(time, values, kind)

@@ -29,6 +29,9 @@ class Recording:
     tables: tuple[Table, ...]
     constants: Mapping[str, np.ndarray] = field(default_factory=dict)  #: "dt", "kp", "kd", "kp.JOINT"
     tells_units: bool = True  #: whether its format has units for columns that have the names of joints
+    unread: tuple[str, ...] = ()  #: topics of a bag whose types are not known
+    dates: tuple[str, ...] = ()  #: columns that had dates, or other times of a clock
+    notes: tuple[str, ...] = ()  #: what the reader has left out
 
 
 CONSTANTS = ("dt", "kp", "kd")  #: names of arrays that are no columns

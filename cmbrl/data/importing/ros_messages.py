@@ -1,6 +1,7 @@
 """What `cmbrl import` reads in ROS messages: numbers by name, type by type.
 
-Every reader takes a message and the names in ``--joints``, and yields (QUANTITY.JOINT, number).
+Every reader takes a message and the names in ``--joints``, and yields (QUANTITY.JOINT, number). Messages of transforms
+(``FRAMES``), each of whose frames has a time of its own, are read by ``frames``.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import Any
 
 POSE = ("x", "y", "z", "qw", "qx", "qy", "qz")
 TWIST = ("vx", "vy", "vz", "wx", "wy", "wz")
+FRAMES, PLANS = "tf2_msgs/msg/TFMessage", "trajectory_msgs/msg/JointTrajectory"
 NONE = -1.0  #: the first covariance of an orientation that an IMU does not tell
 
 
@@ -20,10 +22,21 @@ def _joint_state(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, f
 
 
 def _trajectory(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    """The first point: controllers stream one point at a time."""
+    """The only point of a controller's stream; ``trajectories`` follows plans of several."""
     if message.points:
         for name, value in zip(message.joint_names, message.points[0].positions, strict=False):
             yield f"command.{name}", float(value)
+
+
+def _dynamic(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
+    """All interfaces of ros2_control's joint_state_broadcaster, joint by joint."""
+    for name, own in zip(message.joint_names, message.interface_values, strict=False):
+        for quantity, value in zip(own.interface_names, own.values, strict=False):
+            yield f"{quantity}.{name}", float(value)
+
+
+def _number(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
+    yield "data", float(message.data)
 
 
 def _controller(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
@@ -61,8 +74,9 @@ def _motors(
 
 
 def _numbers(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
-    names = joints if len(joints) == len(message.data) else [f"[{k}]" for k in range(len(message.data))]
-    return ((f"data.{name}", float(value)) for name, value in zip(names, message.data, strict=True))
+    count = len(message.data)
+    names = [f".{name}" for name in joints] if len(joints) == count else [f"[{k}]" for k in range(count)]
+    return ((f"data{name}", float(value)) for name, value in zip(names, message.data, strict=True))
 
 
 def _pose(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
@@ -75,6 +89,13 @@ def _covered(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float
 
 def _transform(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
     return _placed(message.transform.translation, message.transform.rotation)
+
+
+def frames(message: Any) -> Iterator[tuple[Any, Iterator[tuple[str, float]]]]:
+    """Each transform of a message of /tf, and its numbers by the name of the frame."""
+    for one in message.transforms:
+        frame = one.child_frame_id.strip("/").replace("/", ".")
+        yield one, ((f"{frame}.{name}", value) for name, value in _transform(one, ()))
 
 
 def _placed(place: Any, turn: Any) -> Iterator[tuple[str, float]]:
@@ -96,7 +117,10 @@ def _imu(message: Any, joints: tuple[str, ...]) -> Iterator[tuple[str, float]]:
 
 READERS = {
     "sensor_msgs/msg/JointState": _joint_state,
-    "trajectory_msgs/msg/JointTrajectory": _trajectory,
+    PLANS: _trajectory,
+    "control_msgs/msg/DynamicJointState": _dynamic,
+    "std_msgs/msg/Float64": _number,
+    "std_msgs/msg/Float32": _number,
     "std_msgs/msg/Float64MultiArray": _numbers,
     "std_msgs/msg/Float32MultiArray": _numbers,
     "geometry_msgs/msg/PoseStamped": _pose,

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from cmbrl.data.importing.build import Frames
 
 HELD = ("command", "torque", "control")
+_SHARED = 0.3  # of the rows that have the time of the next one, and tell something else
+_PAUSE = 5.0  # times the usual tick of a clock: a gap
 
 
 def series_of(
@@ -37,6 +39,8 @@ def series_of(
     episodes: dict[float, list[tuple[Table, np.ndarray]]] = {}
     for table in recording.tables:
         time = _time(recording, table, targets, rate)
+        if table.time is None:
+            time = _spread(recording.where, table, time, targets, counts)
         number = next(
             (table.columns[c] for c, t in targets.items() if t.quantity == "episode" and c in table.columns), None
         )
@@ -54,6 +58,13 @@ def series_of(
             found.update(_of_table(where, table, time, targets, scene, counts))
         columns = {target.key: column for column, target in targets.items()}
         yield found | believable(found, columns, frames, counts)
+
+
+def clocks_of(recording: Recording, targets: Mapping[str, Target]) -> dict[str, Target]:
+    """The only column of dates, whatever it is called, where ``targets`` tell no time."""
+    if any(target.quantity == "time" for target in targets.values()) or len(recording.dates) != 1:
+        return {}
+    return {} if recording.dates[0] in targets else {recording.dates[0]: Target("", "time")}
 
 
 def _time(recording: Recording, table: Table, targets: Mapping[str, Target], rate: float | None) -> np.ndarray:
@@ -78,6 +89,35 @@ def _time(recording: Recording, table: Table, targets: Mapping[str, Target], rat
         first = np.concatenate([[0], np.flatnonzero(np.diff(number)) + 1])
         times -= np.repeat(times[first], np.diff(np.concatenate([first, [rows]])))
     return times
+
+
+def _spread(where: str, table: Table, time: np.ndarray, targets: Mapping[str, Target], counts: Counts) -> np.ndarray:
+    """Times of rows that were stamped with too few digits, or by a clock that ticks more slowly: evenly between stamps.
+
+    Rows of one time that tell the same, or each another column, are left as they are.
+    """
+    same = np.concatenate([time[1:] == time[:-1], [False]])
+    told = [table.columns[c].astype(np.float64) for c, t in targets.items() if t.owner and c in table.columns]
+    if not told or same.mean() < _SHARED:
+        return time
+    values = np.column_stack(told)
+    with np.errstate(invalid="ignore"):
+        other = (
+            np.abs(np.diff(values, axis=0)).max(axis=1, initial=0.0, where=np.isfinite(np.diff(values, axis=0))) > 0.0
+        )
+    if (same[:-1] & other).mean() < _SHARED:
+        return time
+    first = np.flatnonzero(np.concatenate([[True], time[1:] != time[:-1]]))  # rows at which the stamp changes
+    ticks = np.diff(time[first])
+    breaks = np.flatnonzero((ticks > _PAUSE * np.median(ticks)) | (ticks < 0.0)) + 1
+    out = time.astype(np.float64)
+    for part in np.split(first, breaks):
+        end = int(np.append(first[first > part[-1]], len(time))[0])
+        if len(part) > 2:  # the first and the last stamp may have lost rows
+            slope, begin = np.polyfit(part[1:] - part[0], time[part[1:]], 1)
+            out[part[0] : end] = begin + slope * np.arange(end - part[0])
+            counts.spread[where] = float(slope)
+    return out
 
 
 def _of_table(

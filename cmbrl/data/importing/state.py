@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from cmbrl.data.importing.bodies import Floating, Single, joints_of
-from cmbrl.data.importing.targets import UNNAMED
+from cmbrl.data.importing.words import UNNAMED
 
 if TYPE_CHECKING:
     from cmbrl.data.importing.options import Options

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from cmbrl.text import shortened
 _NUMBERED = re.compile(r"(?P<array>.*?[A-Za-z])[_.]?\[?(?P<number>\d+)\]?")
 INFO = Path("meta") / "info.json"  #: of a LeRobot folder
 VERSIONS = ("v2.0", "v2.1", "v3.0")
+_FEW, _CUT = 10, 0.01  # whole rows, of fewer none is taken for lost; share of rows that may be cut
 
 
 def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
@@ -30,21 +31,48 @@ def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
     ``joints`` name columns that are numbered like an array of their length, from 0 or 1 on: ``actual_q_0`` and so on.
     """
     try:
-        rows, delimiter, before = csv_text.rows_of(path.read_text(encoding="utf-8-sig"))
+        sheet = csv_text.sheet_of(csv_text.decoded(path.read_bytes()))
     except (OSError, ValueError, csv.Error) as error:
         raise UserError(f"{path}: not readable as CSV ({shortened(str(error), 200)})") from None
-    if len(rows) < 3:
-        raise UserError(f"{path}: has {counted(len(rows), 'row')}; give a header and one row per sample")
-    header = [name.strip() for name in rows[0]]
-    if csv_text.only_numbers(header, delimiter):
+    header, rows = sheet.header, sheet.rows
+    if len(rows) < 2:
+        raise UserError(f"{path}: has {counted(len(rows) + 1, 'row')}; give a header and one row per sample")
+    if csv_text.only_numbers(header, sheet.delimiter):
         raise UserError(f"{path}: row 1 has numbers, not names; add a header that names the columns")
     _check_names(path, header)
-    for k, row in enumerate(rows[1:], start=before + 2):
-        if len(row) != len(header):
-            raise UserError(f"{path}: row {k} has {len(row)} fields, the header {len(header)}; repair the row")
-    columns = {name: csv_text.column([row[k] for row in rows[1:]], delimiter) for k, name in enumerate(header) if name}
-    told = {name: x for name, x in columns.items() if not np.isnan(x).all()}
-    return [of_arrays(str(path), _stacked(told, joints), {}, joints)]
+    whole, notes = _whole(path, rows, len(header))
+    columns, dates = {}, []
+    for k, name in enumerate(header):
+        values, dated = csv_text.column([row[k] for row in whole], sheet.delimiter)
+        if name and not np.isnan(values).all():
+            columns[name] = values
+            dates += [name] if dated else []
+    if sheet.before:
+        notes = [f"{counted(sheet.before, 'line')} before the header are passed over", *notes]
+    found = of_arrays(str(path), _stacked(columns, joints), {}, joints)
+    return [replace(found, dates=tuple(dates), notes=tuple(notes))]
+
+
+def _whole(path: Path, rows: Sequence[csv_text.Row], width: int) -> tuple[list[list[str]], list[str]]:
+    """The rows with ``width`` fields, and what is said of few others: a logger that was stopped cuts its last line.
+
+    Raises UserError where there are many.
+    """
+    whole = [row for _, row in rows if len(row) == width]
+    cut = [(number, len(row)) for number, row in rows if len(row) != width]
+    if cut and (len(whole) < _FEW or len(cut) > max(1.0, _CUT * len(rows))):
+        number, fields = cut[0]
+        raise UserError(f"{path}: row {number} has {fields} fields, the header {width}; repair the row")
+    notes = []
+    if cut and len(rows[-1][1]) != width:
+        cut.pop()
+        notes.append("the last line was not written to its end, and is left out")
+    if cut:
+        rows_cut = counted(len(cut), "row")
+        notes.append(
+            f"taken for lost: {rows_cut} with another number of fields than the header, the first is row {cut[0][0]}"
+        )
+    return whole, notes
 
 
 def _stacked(columns: Mapping[str, np.ndarray], joints: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -71,7 +99,14 @@ def _check_names(path: Path, names: Iterable[str]) -> None:
 
 def read_parquet(path: Path, joints: tuple[str, ...]) -> list[Recording]:
     """A Parquet file: columns of numbers, or of lists of equal length."""
-    return [of_arrays(str(path), parquet_columns(path), {}, joints)]
+    found = of_arrays(str(path), parquet_columns(path), {}, joints)
+    return [replace(found, dates=_dates(path))]
+
+
+def _dates(path: Path) -> tuple[str, ...]:
+    """Columns of dates."""
+    schema = need("pyarrow.parquet", path).read_schema(path)
+    return tuple(field.name for field in schema if need("pyarrow", path).types.is_timestamp(field.type))
 
 
 def parquet_columns(path: Path) -> dict[str, np.ndarray]:

@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from cmbrl.data.importing import named_units
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, Single, joints_of
 from cmbrl.data.importing.commanded import paced
 from cmbrl.data.importing.units import TURN_UNITS, UNITS, affine_of, factor_of
+from cmbrl.data.importing.words import (
+    CLOCKS,
+    EPISODES,
+    OF_BODIES,
+    OTHER,
+    PLAIN,
+    POSES,
+    TIMES,
+    UNNAMED,
+    WORDS,
+    YIELDS,
+)
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import shown
 
@@ -20,47 +32,6 @@ if TYPE_CHECKING:
 _AFFINE = ("position", "command")  # of single joints: what may count from another zero
 SINGLE = ("position", "velocity", "command", "torque")
 BASE = "base"  #: the only free joint
-WORDS = {
-    "torque": {"torque", "torques", "tau", "effort", "efforts", "force", "moment", "moments"},
-    "command": {
-        "command", "commands", "commanded", "cmd", "target", "targets", "des", "desired", "setpoint", "reference",
-        "ref", "goal", "action", "actions",
-    },
-    "velocity": {"velocity", "velocities", "vel", "qd", "dq", "qdot", "qvel", "speed", "rate"},
-    "control": {"control", "ctrl", "u"},
-    "position": {
-        "position", "positions", "pos", "q", "angle", "angles", "qpos", "measured", "meas", "encoder", "enc", "dof",
-        "actual", "feedback", "fb", "present", "theta",
-    },
-}  # fmt: skip
-PLAIN = {
-    "joint", "joints", "state", "states", "observation", "observations", "motor", "robot", "data", "logs",
-    "lowstate", "lf", "",
-}  # fmt: skip
-OTHER = {
-    "acc", "accel", "acceleration", "temp", "temperature", "current", "voltage", "error", "err", "status", "std", "min",
-    "max", "kp", "kd", "gain", "rewards", "infos", "tcp",
-}  # fmt: skip
-NAMED = {"deg": math.pi / 180, "degrees": math.pi / 180, "rad": 1.0, "rpm": math.pi / 30, "mm": 1e-3}  #: units in names
-SPEEDS = {"rpm"}  #: those that are of a velocity
-TIMES = {"time", "t", "timestamp", "timestamps", "times", "stamp"}
-CLOCKS = {"%time": 1e-9, "__time": 1.0}  #: of ``rostopic echo -p`` and of PlotJuggler
-POSES = {"q": {"quat", "quaternion", "orientation", "rotation"}, "": {"pos", "position", "translation"}}  #: of a base
-_OF_BODIES = {
-    "pose",
-    "position",
-    "orientation",
-    "rotation",
-    "quat",
-    "quaternion",
-    "velocity",
-    "twist",
-    "linear",
-    "angular",
-}
-YIELDS = {"imu", "feedback"}  #: what these tell counts where no other column does
-UNNAMED = re.compile(r"(?P<array>.+?)\.?\[\d+\]")  #: a column of an array whose columns have no names
-EPISODES = {"episode", "episode_index", "episode_id", "trial", "toss", "trajectory"}
 
 
 @dataclass(frozen=True)
@@ -71,6 +42,7 @@ class Target:
     quantity: str
     factor: float = 1.0
     zero: float = 0.0
+    told: str = field(default="", compare=False)  #: what its name has made of it, where a user should know
 
     @property
     def key(self) -> tuple[str, str]:
@@ -170,6 +142,7 @@ class _Guesser:
     """Recognises columns by the names of joints and actuators, and by words of quantities."""
 
     def __init__(self, scene: Scene, angles: str) -> None:
+        self.scene = scene
         self.single, floating = joints_of(scene)
         self.floating, self.bodies = _base(floating), floating
         self.angle = TURN_UNITS[angles]
@@ -195,31 +168,54 @@ class _Guesser:
             return Target("", "episode")
         if name in CLOCKS:
             return Target("", "time", CLOCKS[name])
-        stem, _, unit = re.sub(r"[ _]*[\[(](\w+)[\])]$", r"_\1", name).rpartition("_")
-        if name in TIMES or (stem in TIMES and unit in UNITS["time"]):
-            return Target("", "time", UNITS["time"].get(unit, 1.0))
-        if name not in self.owners and (own := self._of_body(name)):
-            return own
+        stem, _, last = re.sub(r"[ _]*[\[(](\w+)[\])]$", r"_\1", name).rpartition("_")
+        if name in TIMES or (stem in TIMES and last in UNITS["time"]):
+            return Target("", "time", UNITS["time"].get(last, 1.0))
+        name, unit = named_units.split(name)
+        own = self._of_body(name) if name not in self.owners else None
         hit = self.pattern.search(name) if self.pattern else None
-        if hit is None:
-            return self._of_base(name)
+        if own is not None or hit is None:
+            return self._placed(own or self._of_base(name), unit)
         words = set(re.split(r"[^a-z]+", name[: hit.start()] + " " + name[hit.end() :]))
         if words & OTHER:
             return None
+        unit = named_units.of_words(words) if unit is None else unit
         owner, actuator = self.owners[hit.group(1)]
         quantity = _quantity(words, owner in self.paced)
         if quantity is None:
-            if words - PLAIN - set(NAMED):
+            if words - PLAIN - named_units.WORDS:
                 return None
-            quantity = "velocity" if words & SPEEDS else "control" if actuator else "position"
+            quantity = named_units.told_by(unit) or ("control" if actuator else "position")
         joint = next((one for one in self.single if one.name == owner), None)
         if quantity == "control" or (joint is None and quantity == "command"):  # of an actuator with a name of its own
             known = self.drivers.get(hit.group(1), owner)
             return Target(known, "control") if known in self.actuators else None
         if joint is None:
             return None
-        factor = self.angle if joint.hinge and quantity != "torque" else 1.0
-        return Target(joint.name, quantity, next((NAMED[word] for word in words & set(NAMED)), factor))
+        if unit is not None:
+            return self._in(unit, joint, quantity, column)
+        return Target(joint.name, quantity, self.angle if joint.hinge and quantity != "torque" else 1.0)
+
+    def _placed(self, own: Target | None, unit: str | None) -> Target | None:
+        """A coordinate of a body in the ``unit`` that its name tells, if any; None where it has no such unit."""
+        if own is None or unit is None:
+            return own
+        body = next(joint for joint in self.bodies if joint.name == own.owner)
+        kind = _dimension(body, own.quantity)
+        if kind == "number":
+            return own
+        return replace(own, factor=UNITS[kind][unit]) if unit in UNITS[kind] else None
+
+    def _in(self, unit: str, joint: Single, quantity: str, column: str) -> Target | None:
+        """``quantity`` of ``joint`` in a unit that the name of the column tells; None where it has no such unit."""
+        kind = _dimension(joint, "velocity" if quantity == "command" and joint.name in self.paced else quantity)
+        if unit in UNITS[kind]:
+            return Target(joint.name, quantity, UNITS[kind][unit])
+        if unit != named_units.PERCENT or not joint.limited or kind not in ("angle", "length"):
+            return None
+        factor, zero = affine_of(unit, kind, joint, self.scene, column)
+        told = f"in percent of the range of {joint.name!r}: 0 at {zero:.4g} and 100 at {zero + 100 * factor:.4g}"
+        return Target(joint.name, quantity, factor, zero, told)
 
     def _of_body(self, name: str) -> Target | None:
         """A coordinate of a ball joint, or of a free one, after the joint's name: ``shoulder_qw``, ``pose.cube.x``."""
@@ -229,7 +225,7 @@ class _Guesser:
             if last not in {**joint.position, **joint.velocity}:
                 continue
             words = re.split(rf"(?<![a-z0-9]){re.escape(own)}(?![a-z0-9])", name[: len(name) - len(last)])
-            if len(words) == 2 and not set(re.split(r"[^a-z]+", " ".join(words))) - PLAIN - _OF_BODIES:
+            if len(words) == 2 and not set(re.split(r"[^a-z]+", " ".join(words))) - PLAIN - OF_BODIES:
                 return Target(joint.name, last)
         return None
 

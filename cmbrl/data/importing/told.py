@@ -11,6 +11,7 @@ import numpy as np
 from cmbrl.data.importing import whole_arrays
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Counts, Key, Series
+from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.targets import Target
 from cmbrl.data.loops import to_hold
 from cmbrl.scene import Scene
@@ -98,6 +99,11 @@ def _alone(name: str, floating: Sequence[Floating], scene: Scene) -> bool:
     return not np.isin(bodies, scene.core.body_parent).any()
 
 
+def not_read(recording: Recording) -> str:
+    """The topics of a bag whose types are not known, to end an error with; empty where there is none."""
+    return f"; topics of types that are not read: {short(recording.unread, 4)}" if recording.unread else ""
+
+
 def told(counts: Counts, gap: int) -> list[str]:
     notes = []
     if counts.resampled:
@@ -107,7 +113,7 @@ def told(counts: Counts, gap: int) -> list[str]:
         )
     if missing := [f"{n} of {column}" for column, n in counts.missing.items() if n]:
         what = "samples that are no numbers, or beyond 1e12, were filled in, or left out where many are"
-        notes.append(f"{what}: {', '.join(missing)}")
+        notes.append(f"{what}: {short(missing, 3)}")
     if alone := [
         f"{len(x)} of {column} ({x[0]:.4g}{' and others' * (len(x) > 1)})" for column, x in counts.stray.items()
     ]:
@@ -118,6 +124,16 @@ def told(counts: Counts, gap: int) -> list[str]:
         )
     if repeated := sum(counts.repeated.values()):
         notes.append(f"{counted(repeated, 'sample')} that repeat a time were dropped")
+    for where, step in counts.spread.items():
+        notes.append(
+            f"{where}: several rows have each time, as of a clock with few digits: they are taken {step:.3g} s apart; "
+            "leave the times out by --map COLUMN=- and give --rate HZ if you know it"
+        )
+    notes += [
+        f"{where}: from {first:.4g} to {last:.4g} s after its start there are twice as many samples as elsewhere, as "
+        "where a clock was set back: they are left out"
+        for where, (first, last) in counts.laid_over.items()
+    ]
     if counts.gaps:
         notes.append(f"{counted(counts.gaps, 'gap')} of more than {gap} samples, where an episode ends")
     if counts.short:

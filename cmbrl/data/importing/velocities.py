@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
+from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.plausible.frames import better, to_body, to_world
+from cmbrl.data.plausible.lagging import lag, told
 from cmbrl.data.plausible.readings import misread
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
@@ -45,6 +49,14 @@ def _parabola(q: np.ndarray, rows: np.ndarray, stencil: np.ndarray, scene: Scene
     inverse = np.linalg.pinv(powers)
     rest = changes - np.einsum("kl,l...->k...", powers @ inverse, changes)
     return np.einsum("k,k...->...", inverse[1], changes), np.sqrt((rest**2).sum(axis=0))
+
+
+def lagging(episodes: Sequence[Mapping[tuple[str, str], np.ndarray]], dt: float, scene: Scene) -> str:
+    """Which joints' logged velocities lag their positions in ``episodes``, in words; empty where they do not."""
+    named = [joint.name for joint in joints_of(scene)[0]]
+    known = [name for name in named if all((name, x) in episodes[0] for x in ("position", "velocity"))]
+    parts = {name: [(one[name, "position"][:, 0], one[name, "velocity"][:, 0]) for one in episodes] for name in known}
+    return told([(repr(name), lag(parts[name], dt)) for name in known])
 
 
 def check_frame(

@@ -7,7 +7,8 @@ from collections.abc import Collection, Iterable, Mapping
 
 from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.state import arrays, layout
-from cmbrl.data.importing.targets import SINGLE, WORDS
+from cmbrl.data.importing.targets import SINGLE
+from cmbrl.data.importing.words import WORDS
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.info.columns import counted
@@ -19,7 +20,8 @@ def by_column(given: Mapping[str, str], columns: Collection[str], scene: Scene) 
     """``given`` for single columns: the name of an array, or of a group of arrays, stands for all columns in it.
 
     Its text is ``-``, or a quantity and perhaps a unit (``position:deg``, ``control``): of the joint or the actuator
-    that a column is named after, or of all of them in the order of the file. What is told of one column counts more.
+    that a column is named after, or of all of them in the order of the file, or of all joints that an actuator drives
+    where there are as many columns. What is told of one column counts more.
     Names that are not there stay as they are. Raises UserError for an array with another number of columns.
     """
     arrays = {name: members for name in given if name not in columns and (members := _members(name, columns))}
@@ -61,6 +63,9 @@ def _owned(name: str, members: list[str], text: str, scene: Scene) -> dict[str, 
     what = "actuator" if quantity == _CONTROL else "joint"
     owners = scene.actuator_names if quantity == _CONTROL else [joint.name for joint in joints_of(scene)[0]]
     names = [column[len(name) + 1 :] for column in members]
+    driven = [joint.name for joint in joints_of(scene)[0] if joint.vadr in set(scene.core.act_line.tolist())]
+    if what == "joint" and len(members) == len(driven) != len(owners) and not set(names) <= set(owners):
+        owners = driven  # others are passive, or follow by ties
     if not set(names) <= set(owners):
         if len(members) != len(owners):
             raise UserError(

@@ -8,7 +8,7 @@ import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.motion import LAG, Motion
-from cmbrl.data.plausible.still import LONG, MEANT
+from cmbrl.data.plausible.still import LONG, MEANT, loud
 
 APART = 0.15  #: [rad, m] dry friction moves where servos stand by less when they turn round
 JUMP = 5  #: times the 99th percentile of a step, and of the steps before and after
@@ -33,7 +33,10 @@ def joined(motion: Motion) -> Iterator[Finding]:
 
 
 def _vanished(motion: Motion) -> Iterator[Finding]:
-    """Two joints or more, with their commands, that stand still from one row to the end, or up to one row."""
+    """Two joints or more, with their commands, that stand still from one row to the end, or up to one row.
+
+    Their encoders lose the noise that they have elsewhere: those with coarse counts are quiet wherever a robot rests.
+    """
     starts: dict[tuple[str, int], list[int]] = {}
     for driver_number, driver in enumerate(motion.drivers):
         both = np.column_stack([motion.now[:, driver.coordinate], motion.u[:, driver_number]])
@@ -42,7 +45,8 @@ def _vanished(motion: Motion) -> Iterator[Finding]:
             continue
         first, last = int(moves[0]), int(moves[-1]) + 1
         for name, row, share in (("end", last, len(both) - last), ("start", first, first)):
-            if share > 0.2 * len(both) and share >= LONG:
+            run = slice(last, len(both)) if name == "end" else slice(0, first + 1)
+            if share > 0.2 * len(both) and share >= LONG and loud(both[:, 0], motion.blocks, run):
                 starts.setdefault((name, row), []).append(driver.coordinate)
     for (name, row), joints in starts.items():
         if 2 <= len(joints) < len(motion.drivers):

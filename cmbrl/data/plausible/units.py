@@ -14,11 +14,9 @@ ANGLES = {DEGREES: "degrees", 1 / (2 * np.pi): "revolutions", 1e3: "milliradians
 LENGTHS = {1e3: "millimetres", 1e2: "centimetres"}  #: numbers in one metre
 SPEEDS = {DEGREES: "deg/s", 60 / (2 * np.pi): "rpm", 1 / (2 * np.pi): "rev/s"}
 NEAR = 0.06  #: relative; two factors are the same, where the columns agree entirely
-OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far beyond them for a few
 ROWS = 50  #: fewer do not show how columns go together
 WRONG_RATE = 0.15  #: relative; estimated velocities and large steps stay below
 SELDOM = 0.5  #: [s] from sample to sample: no encoder that a fit could use is read so seldom
-PAST = 0.05  #: share of samples beyond the limits of a joint that no stop holds
 CLOCKS = {1e9: "nanoseconds", 1e6: "microseconds", 1e3: "milliseconds"}  #: numbers in one second
 RATES = 1e-4, 0.1  #: [s] steps of logs that robots write
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
@@ -33,74 +31,6 @@ def clock(dt: float) -> Iterator[Finding]:
         if dt >= SELDOM and RATES[0] <= dt / factor <= RATES[1]:
             yield Finding(f"time rises by {dt:.4g} s from row to row: {unit} instead of seconds? Divide by {factor:g}")
             return
-
-
-def beyond_limits(motion: Motion) -> Iterator[Finding]:
-    """Positions far beyond the limits of the file, and within them in another unit."""
-    for k, coordinate in enumerate(motion.coordinates):
-        low, high = coordinate.low, coordinate.high
-        if not np.isfinite(low) or not np.isfinite(high) or motion.wraps[k]:
-            continue
-        q = motion.now[:, k]
-        reach, bound, room = np.abs(q).max(initial=0.0), max(abs(low), abs(high)), 0.1 * (high - low)
-        least = 2 * np.pi if coordinate.hinge else 0.0
-        often = np.mean((q < low - room) | (q > high + room)) > OFTEN if len(q) else False
-        for factor, unit in ((DEGREES, "degrees"),) if coordinate.hinge else ((1e3, "millimetres"),):
-            scaled = q / factor
-            fits = (scaled > low - room).all() and (scaled < high + room).all()
-            if often and reach > max(3 * bound, least) and fits and np.ptp(scaled) > 0:
-                wanted = "radians" if coordinate.hinge else "metres"
-                yield Finding(
-                    f"{motion.position_of(k)} reaches {q[np.abs(q).argmax()]:.4g} where the file's limits are "
-                    f"{low:.3g} and {high:.3g}: {unit} instead of {wanted}? Divide the column by {factor:.4g}"
-                    + (", or give --angles deg to `cmbrl import`" if coordinate.hinge else "")
-                )
-
-
-def mirrored(motion: Motion) -> Iterator[Finding]:
-    """A warning of joints beyond limits that reach to one side, and within them with the other sign.
-
-    A driver may count the other way, or from another zero: limits do not tell which.
-    """
-    for k, coordinate in enumerate(motion.coordinates):
-        q, low, high = motion.now[:, k], coordinate.low, coordinate.high
-        if _mirrored(q, low, high) and not motion.wraps[k]:
-            yield Finding(
-                f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g} where the file's limits are "
-                f"{low:.3g} and {high:.3g}: does it count the other way, or from another zero? Give --map "
-                f"COLUMN={coordinate.name}.position:- (or :+X, what to add) to `cmbrl import`, and so for its command",
-                sure=False,
-            )
-
-
-def past_stops(motion: Motion) -> Iterator[Finding]:
-    """A warning of joints that go on beyond limits, as those do that turn freely.
-
-    A blow may throw a joint through a stop of a simulation, but not for long.
-    """
-    for k, coordinate in enumerate(motion.coordinates):
-        q, low, high = motion.now[:, k], coordinate.low, coordinate.high
-        share = _beyond(q, low, high)
-        if share > PAST and not _mirrored(q, low, high) and not motion.wraps[k]:
-            yield Finding(
-                f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g}, and in {100 * share:.0f} % of the "
-                f"samples lies far beyond the file's limits {low:.3g} and {high:.3g}: in simulation a stop holds what "
-                "the robot does not hold. Widen the range in the file, or take it out if the joint turns freely",
-                sure=False,
-            )
-
-
-def _beyond(q: np.ndarray, low: float, high: float) -> float:
-    """Share of ``q`` (R,) that lies beyond limits by more than a tenth of the range; 0 without limits."""
-    room = 0.1 * (high - low)
-    return float(np.mean((q < low - room) | (q > high + room))) if np.isfinite(room) and len(q) else 0.0
-
-
-def _mirrored(q: np.ndarray, low: float, high: float) -> bool:
-    """Whether ``q`` (R,) lies beyond limits that reach to one side, and within them with the other sign."""
-    room = 0.1 * (high - low)
-    one_sided = low > -room or high < room
-    return one_sided and _beyond(q, low, high) > OFTEN and _beyond(-q, low, high) == 0.0
 
 
 def of_commands(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray]) -> Iterator[Finding]:
