@@ -166,6 +166,7 @@ def run(arguments: argparse.Namespace) -> int:
     import torch
 
     from cmbrl.envs.trials import foretold, unlearned
+    from cmbrl.train.models import NOMINAL
     from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun
     from cmbrl.train.run_texts import commands_text, progress_text
     from cmbrl.train.sources import sources
@@ -206,7 +207,8 @@ def run(arguments: argparse.Namespace) -> int:
         if trainer.gradients:
             print(f"{out}: {trainer.gradients}")
         if outcome.failed_trials:
-            print(f"{out}: {foretold(outcome.failed_trials)}")
+            fitted = setup.model != NOMINAL or setup.algorithm == "loop"
+            print(f"{out}: {foretold(outcome.failed_trials, fitted)}")
         if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
             print(f"{out}: {told}")
         if stops := _early(getattr(trainer, "model", None)):

@@ -80,7 +80,7 @@ class Simulation:
         self.disturbance = disturbance or Disturbance()
         self.stagger = stagger
         self.generator = torch.Generator().manual_seed(seed)
-        self.finished: deque[tuple[float, int]] = deque(maxlen=count)  #: return and length of the last episodes
+        self.finished: deque[tuple[float, int]] = deque(maxlen=count)  #: return and length of the last whole episodes
         self.steps_taken = 0
         self._untaught = {} if mdp.curriculum is None else mdp.curriculum.state()
         self.restart()
@@ -98,6 +98,7 @@ class Simulation:
         self.returns = torch.zeros(self.count, dtype=torch.float64)
         if self.stagger:
             self.age = torch.randint(self.mdp.episode_steps, (self.count,), generator=self.generator)
+            self.returns.masked_fill_(self.age > 0, torch.nan)  # what they earned before is not known
         self.theta = self._parameters(self.count)
 
     def observe(self) -> Tensor:
@@ -203,7 +204,8 @@ class Simulation:
         self.returns = self.returns + earned
         done = move.terminated | move.truncated
         if done.any():
-            self.finished.extend(zip(self.returns[done].tolist(), move.age[done].tolist(), strict=True))
+            whole = done & ~self.returns.isnan()
+            self.finished.extend(zip(self.returns[whole].tolist(), move.age[whole].tolist(), strict=True))
             self.returns = self.returns.masked_fill(done, 0.0)
 
     def _parameters(self, count: int) -> Tensor | None:

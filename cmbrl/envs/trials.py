@@ -74,13 +74,16 @@ def without_action(mdp: MDP, model: Model, episodes: int = EPISODES, seed: int =
     return of_draws(lambda o: o.new_zeros(len(o), mdp.actions), mdp, model, episodes, seed)
 
 
-def failed(found: Mapping[str, Evaluation]) -> dict[str, float]:
+def failed(found: Mapping[str, Evaluation], idle: Evaluation | None = None) -> dict[str, float]:
     """Share of failed episodes by trial.
 
-    An episode fails that the task ends, or that earns less than half of what is usual under the draws alone.
+    An episode fails that the task ends, or that earns less than half of what is usual under the draws alone; of rewards
+    that are costs, less than half of what is usual beyond what no action earns (``idle``): a goal that is twice as far
+    costs twice as much on the way.
     """
     usual = float(np.median(found["draws"].returns))
-    least = usual - 0.5 * abs(usual)
+    gained = 0.0 if idle is None else usual - float(idle.returns.mean())
+    least = usual - 0.5 * max(abs(usual), gained)
     return {name: float(np.mean(e.terminated | (e.returns < least))) for name, e in found.items()}
 
 
@@ -97,8 +100,8 @@ def stands(shares: Mapping[str, float]) -> bool:
     return max(shares.get(name, 0.0) for name in LAWS) < LEANS
 
 
-def foretold(shares: Mapping[str, float]) -> str:
-    """What shares of failed trials say.
+def foretold(shares: Mapping[str, float], fitted: bool = True) -> str:
+    """What shares of failed trials say of a policy that was trained on a fit, or else on the file itself.
 
     >>> foretold({"draws": 0.0, "late": 0.25, "pushed": 0.125})
     'in the model alone 0 % of episodes fail; 25 % with commands a step late, 12 % with pushes'
@@ -108,10 +111,13 @@ def foretold(shares: Mapping[str, float]) -> str:
     if will_fail(shares):
         remedy = (
             "train from another --seed, begin with a policy of the file (--start), or fit another log (cmbrl excite)"
+            if fitted
+            else "train longer (--iterations) or from another --seed"
         )
         return f"{told}: it will probably fail in the robot, {remedy}"
     if shares["draws"] >= LEANS:
-        remedy = "train longer, from another --seed, or from a policy of the file (--start)"
+        start = ", or from a policy of the file (--start)" if fitted else ""
+        remedy = f"train longer, from another --seed{start}"
         return f"{told}: it may fail in the robot, {remedy}"
     if shares.get("law", 0.0) >= LEANS:
         remedy = "train longer, from another --seed, or with --set other_law=0.5 if its share was less"

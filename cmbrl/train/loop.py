@@ -22,7 +22,7 @@ import torch
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.trials import LAWS, failed, stands, trials
+from cmbrl.envs.trials import LAWS, failed, stands, trials, without_action
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
 from cmbrl.fitting.outcome.first_line import first_line
@@ -173,8 +173,9 @@ class Loop(Trainer):
         stands, and a policy that would fall under the other law may still be worth more.
         """
         assert self.model is not None
-        found = trials(self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1)
-        shares = failed(found)
+        given = self.mdp, self.model, self.config.score_episodes, self.seed + 1
+        found = trials(self.policy, *given)
+        shares = failed(found, without_action(*given))
         returns = [found[name].returns.mean() for name in LAWS if name in found]
         told = {"failed": shares["draws"], "stands": float(stands(shares))}
         return {"score": float(np.mean(returns)), **told}

@@ -36,6 +36,7 @@ class Peak:
         self.begins = 0  #: updates up to which none counts
         self.mean = 0.0  #: of the last updates' returns, older ones counting less and less
         self.best: float | None = None  #: the highest mean
+        self.idle: float | None = None  #: mean return of as long episodes without action, once it is asked for
         self.iteration = 0  #: updates of the learner that is held
         self.learner: dict[str, Any] = {}
         self.older: list[Any] = []  # the last learners, half a span apart: their updates, and themselves
@@ -58,8 +59,25 @@ class Peak:
 
     @property
     def lost(self) -> bool:
-        """Whether returns have fallen far below the best ones."""
-        return self.best is not None and self.seen >= self.span and self.best - self.mean > LOST * abs(self.best)
+        """Whether returns have fallen far below the best ones: by a share of these, or of what they are above ``idle``.
+
+        Rewards that are costs have returns near 0 at best, and a share of that is less than what they vary by.
+        """
+        if self.best is None or self.seen < self.span:
+            return False
+        size = abs(self.best) if self.idle is None else max(abs(self.best), self.best - self.idle)
+        return self.best - self.mean > LOST * size
+
+    def lost_from(self, idle: Callable[[], float]) -> bool:
+        """``lost``, by what no action earns, which is asked for only where it may matter."""
+        if self.lost and self.idle is None:
+            self.idle = idle()
+        return self.lost
+
+    @property
+    def open(self) -> bool:
+        """Whether a learner went back so lately that its returns do not tell yet whether it is lost."""
+        return self.best is not None and self.seen < self.span
 
     def back(self, iteration: int) -> dict[str, Any]:
         """The learner to go on from after so many updates; episodes that the lost one began are not to count."""
@@ -67,8 +85,11 @@ class Peak:
         return copy.deepcopy(self.learner)
 
     def give_back(self, policy: torch.nn.Module, earned: Callable[[], float]) -> bool:
-        """Gives the policy its best weights where returns are lost, unless it ``earned`` as much; whether it did."""
-        if not self.lost:
+        """Gives the policy its best weights where returns are lost, or it is open whether they are; whether it did.
+
+        Not where it ``earned`` as much with its last ones.
+        """
+        if not (self.lost or self.open):
             return False
         last = {name: value.clone() for name, value in policy.state_dict().items()}
         by_last = earned()
@@ -80,7 +101,7 @@ class Peak:
 
     def state(self) -> dict[str, Any]:
         """Everything that ``restore`` needs."""
-        names = ("seen", "begins", "mean", "best", "iteration", "learner", "older")
+        names = ("seen", "begins", "mean", "best", "idle", "iteration", "learner", "older")
         return {name: getattr(self, name) for name in names}
 
     def restore(self, state: dict[str, Any]) -> None:

@@ -143,7 +143,7 @@ class WindowLearner(Trainer):
             if peak.waits(self.iteration):  # what is held of them is of episodes that the lost learner began
                 for simulation in self.simulations:
                     simulation.finished.clear()
-            if progress >= LATE and peak.lost and self.iteration < self.schedule.end:
+            if progress >= LATE and self.iteration < self.schedule.end and peak.lost_from(self._idle):
                 self._go_back()
         if self.iteration == self.schedule.end:
             self.kept = self.schedule.conclude(self.policy, self._earned, self.failed_trials)
@@ -158,6 +158,10 @@ class WindowLearner(Trainer):
     def learned_on(self) -> list[tuple[int, float]]:  # type: ignore[override]
         """Where they did."""
         return self.schedule.failing
+
+    def _idle(self) -> float:
+        """Mean return of training's episodes without action; 0 where a curriculum has their starts."""
+        return 0.0 if self.mdp.curriculum else float(without_action(self.mdp, self.model).returns.mean())
 
     def _go_back(self) -> None:
         """To the learner before the peak of returns; noise goes on."""
@@ -208,7 +212,7 @@ class WindowLearner(Trainer):
         returns = {"policy": found["draws"].returns, "no action": idle.returns}
         self.earned = {name: float(each.mean()) for name, each in returns.items()}
         self.advice = quits(found["draws"], mdp)
-        return failed(found)
+        return failed(found, idle)
 
     def _tried(self) -> MDP:
         """The process of trials."""

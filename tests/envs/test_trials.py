@@ -141,6 +141,20 @@ def test_an_episode_that_earns_half_has_failed() -> None:
     shares = failed({"draws": found(10.0, 12.0, 8.0, 4.0), "late": found(6.0, 5.0, 4.0, 3.0)})
     assert shares == {"draws": 0.25, "late": 0.5}  # usual: 9
     assert failed({"draws": found(-2.0, -2.9, -3.1)})["draws"] == pytest.approx(0.0)
+    far = {"draws": found(-4.0, -8.0, -9.0, -15.0)}  # a goal twice as far away costs twice as much
+    assert failed(far)["draws"] == 0.25
+    assert failed(far, found(-80.0, -60.0))["draws"] == 0.0
+    assert failed({"draws": found(-8.0, -9.0, -60.0)}, found(-80.0, -60.0))["draws"] == pytest.approx(1 / 3)
+    assert failed({"draws": found(10.0, 12.0, 8.0, 4.0)}, found(2.0, 1.0))["draws"] == 0.25
+
+
+def test_of_a_policy_that_was_trained_on_the_file_no_fit_is_asked_for() -> None:
+    for share in (0.4, 1.0):
+        assert "policy of the file" in foretold({"draws": share, "late": 0.0})
+        told = foretold({"draws": share, "late": 0.0}, fitted=False)
+        assert "train longer" in told
+        assert "--start" not in told
+        assert "another log" not in told
 
 
 def test_a_task_whose_episodes_cost_less_the_sooner_they_end_is_told_so() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -15,10 +16,12 @@ from cmbrl.models.named import nominal_model
 from cmbrl.models.step_result import SolverWarning
 from cmbrl.registry import Task, load_task
 from cmbrl.train.algorithms import ALGORITHMS
-from cmbrl.train.growth import steady_steps
+from cmbrl.train.growth import random_motion
 from cmbrl.train.ppo import PPOConfig
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC
+
+from . import slider
 
 pytest.importorskip("gymnasium", reason="the robots' MJCF are Gymnasium's")
 
@@ -163,8 +166,8 @@ def test_growth_is_that_of_the_motion() -> None:
         def step(self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
             return q + 0.1 * v, 1.5 * v
 
-    grown = [steady_steps(mdp, Doubling(), most, 1.5**4 + 1e-9) for most in (3, 4, 5, 20)]  # type: ignore[arg-type]
-    steep = steady_steps(mdp, Doubling(), 20, 1.0)  # type: ignore[arg-type]
+    grown = [random_motion(mdp, Doubling(), most).steady_steps(1.5**4 + 1e-9) for most in (3, 4, 5, 20)]  # type: ignore[arg-type]
+    steep = random_motion(mdp, Doubling(), 20).steady_steps(1.0)  # type: ignore[arg-type]
     assert grown == [3, 4, 4, 4]
     assert steep == 1
 
@@ -180,7 +183,7 @@ def test_units_are_no_growth() -> None:
             turns = torch.tensor([1.0, 50.0, 1.0, 1.0, 1.0, 1.0], dtype=v.dtype)
             return q, v[:, :1] * turns + 0.1 * u.mean(dim=1, keepdim=True)
 
-    assert steady_steps(mdp, Rolling(), 20, 2.5) == 20  # type: ignore[arg-type]
+    assert random_motion(mdp, Rolling(), 20).steady_steps(2.5) == 20  # type: ignore[arg-type]
 
 
 def test_solves_that_fail_under_random_actions_are_told_once() -> None:
@@ -197,9 +200,30 @@ def test_solves_that_fail_under_random_actions_are_told_once() -> None:
 
     mdp = replace(decision_process(load_task("hopper")), dt=0.1)
     with pytest.warns(SolverWarning) as told:
-        assert steady_steps(mdp, Failing(), 6, 2.0) == 6  # type: ignore[arg-type]
+        assert random_motion(mdp, Failing(), 6).steady_steps(2.0) == 6  # type: ignore[arg-type]
     (only,) = told
     assert str(only.message).startswith("10 contact solves of 128 episodes under random actions did not converge")
+
+
+@pytest.mark.parametrize(("gear", "share"), [(100.0, 1.0), (2.0, 0.36), (0.01, 0.1)])
+def test_noise_is_in_proportion_to_what_moves_slowly(gear: float, share: float, tmp_path: Path) -> None:
+    """A block on a rail that its motor moves fast keeps the usual noise; a slow one has less, and a tenth at least."""
+    path = tmp_path / "block.xml"
+    path.write_text(slider.XML.replace(f'gear="{slider.GEAR}"', f'gear="{gear}"'), encoding="utf-8")
+
+    def reset(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        return 2 * (torch.zeros(count, 1, dtype=torch.float64),)
+
+    mdp = replace(slider.mdp(), reset=reset)
+    task = Task(
+        name="block", description="", scene=path, control_dt=slider.DT, substeps=1, time_step=slider.DT,
+        mdp=lambda: mdp, system=slider.system(tmp_path),
+    )  # fmt: skip
+    usual = 0.34 * slider.DT**0.5
+    assert configure("shac", task).noise_linear == pytest.approx(share * usual, rel=0.15)
+    assert configure("loop", task).noise_linear == configure("shac", task).noise_linear
+    assert configure("shac", task, {"noise_linear": 0.01}).noise_linear == 0.01
+    assert configure("shac", task).noise_angular == pytest.approx(1.1 * slider.DT**0.5)
 
 
 def test_windows_in_steps_override_those_in_seconds() -> None:

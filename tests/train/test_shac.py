@@ -9,6 +9,7 @@ import torch
 
 import cmbrl
 from cmbrl.envs.evaluation import evaluate_model
+from cmbrl.envs.simulation import Simulation
 from cmbrl.registry import load_task
 from cmbrl.train.lost_gradients import LostGradients
 from cmbrl.train.peak import Peak
@@ -239,6 +240,60 @@ def test_returns_tell_of_a_learner_only_when_its_own_episodes_have_ended():
     assert not peak.lost
     assert Peak(4000, episode=5.0).span == 80
     assert Peak(80, episode=62.5).span == 10, "a short run is not all span"
+
+
+def test_costs_near_zero_are_lost_by_a_share_of_what_was_learned():
+    """Returns of -1.2 after -1 are noise where no action earns -50, and a loss where it earns as little."""
+    peak = Peak(100)
+    for k in range(60):
+        peak.take(k, -1.0 if k < 30 else -1.2, dict)
+    assert peak.lost
+    assert not Peak(100).lost_from(lambda: pytest.fail("nothing is lost"))
+    other = Peak(100)
+    other.restore(peak.state())
+    assert not peak.lost_from(lambda: -50.0)
+    assert other.lost_from(lambda: -1.3)
+    again = Peak(100)
+    again.restore(peak.state())
+    assert again.idle == -50.0
+    for k in range(60, 100):
+        peak.take(k, -7.0, dict)
+    assert peak.lost_from(lambda: pytest.fail("it is known"))
+
+
+def test_a_run_that_went_back_just_before_its_end_keeps_the_better_policy():
+    """Its last returns do not tell yet; before it goes back, a run that is too young to tell is left alone."""
+    peak, net = Peak(100), torch.nn.Linear(1, 1).requires_grad_(False)
+    assert not peak.give_back(net, lambda: pytest.fail("there is no peak"))
+    for k in range(90):
+        net.weight.fill_(float(k))
+        peak.take(k, 50.0 if k < 60 else 10.0, lambda: {"policy": net.state_dict()})
+    peak.back(89)
+    net.weight.fill_(99.0)
+    assert peak.open
+    assert not peak.lost
+    assert not peak.give_back(net, lambda: float(net.weight))
+    assert float(net.weight) == 99
+    assert peak.give_back(net, lambda: -float(net.weight))
+    assert float(net.weight) == peak.iteration < 60
+
+
+def test_returns_are_of_whole_episodes(tmp_path):
+    """Episodes begin at different ages: what is left of the first ones would look like little cost."""
+    model = cmbrl.ComplementarityModel(slider.scene(tmp_path), time_step=slider.DT)
+    held = replace(
+        slider.mdp(episode_steps=12),
+        reward=lambda q, v, action, q_next, v_next: -torch.ones_like(q[:, 0]),
+        terminated=lambda q, v: torch.zeros(len(q), dtype=torch.bool),
+    )
+    simulation = Simulation(held, model, 8, seed=1, stagger=True)
+    assert simulation.age.any()
+    for k in range(30):
+        if k == 10:
+            simulation.restore(simulation.state())
+        simulation.step(simulation.observe(), torch.zeros(8, 1))
+    assert simulation.finished
+    assert set(simulation.finished) == {(-12.0, 12)}
 
 
 class Exploding:
