@@ -15,6 +15,7 @@ from scipy.optimize import nnls
 from cmbrl.data.drive import law_of
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.records import JointKind
 from cmbrl.scene.source.keyframes import keyframe
 
 if TYPE_CHECKING:
@@ -58,17 +59,34 @@ def on_floor(scene: Scene, q: Array) -> Array:
 def commands(scene: Scene, q: Array, reach: float) -> tuple[Array, Array, Array, Array]:
     """Of each actuator (nu,): the command that holds ``q`` (nq,), what an action of 1 adds, and its bounds.
 
-    ``reach``: as of :class:`cmbrl.walking.Walker`.
+    ``reach``: as of :class:`cmbrl.walking.Walker`. Raises UserError for a servo of velocities without a range of
+    controls.
     """
     core, line = scene.core, np.array(scene.core.act_line)
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     laws = [law_of(scene, i) for i in range(scene.nu)]
-    servo, factor = np.array([kind == "position" for kind, _ in laws]), np.array([factor for _, factor in laws])
+    servo, speed = (np.array([kind == wanted for kind, _ in laws]) for wanted in ("position", "velocity"))
+    factor, ranged = np.array([factor for _, factor in laws]), np.isfinite(high - low)
+    if (open_ended := speed & ~ranged).any():
+        name = scene.actuator_names[int(np.argmax(open_ended))]
+        raise UserError(
+            f"{scene.name}: {name} takes speeds, and the file does not say up to which: give its <velocity> a range, "
+            'as ctrlrange="-20 20" (rad/s, m/s), so that actions can ask for all of it'
+        )
     per_force = np.array([_control_per_force(scene, i) for i in range(scene.nu)])
     home = np.where(servo, factor * q[line + ROOT_Q - ROOT_V], 0.0) + per_force * holding_forces(scene, q)[line]
     most = np.abs(per_force) * strongest(scene)  # of motors whose controls have no range
-    half = np.where(np.isfinite(high - low), (high - low) / 2, np.where(np.isfinite(most), most, 1.0))
-    return home, reach * np.where(servo, factor, half), low.copy(), high.copy()
+    half = np.where(ranged, (high - low) / 2, np.where(np.isfinite(most), most, 1.0))
+    share = np.where(speed, 1.0, reach)  # of a wheel, all: a part of its speeds would be a slower robot
+    return home, share * np.where(servo, factor, half), low.copy(), high.copy()
+
+
+def wheels(scene: Scene) -> np.ndarray:
+    """Which joints after the root (nq - 7,) a servo of velocities turns without end."""
+    limited = set(np.asarray(scene.core.lim_line).tolist())
+    hinges = {joint.vadr for joint in scene.joints if joint.kind == JointKind.HINGE and joint.vadr not in limited}
+    turned = {int(x) for i, x in enumerate(scene.core.act_line) if law_of(scene, i)[0] == "velocity"}
+    return np.array([k in hinges & turned for k in range(ROOT_V, scene.nv)], dtype=bool)
 
 
 def doubts(scene: Scene, q: Array) -> list[str]:

@@ -21,7 +21,7 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.mdp import MDP, Total
 from cmbrl.numbers import real, shown
 from cmbrl.registry import Task
-from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, doubts, on_floor, standing
+from cmbrl.standing import ROOT_Q, ROOT_V, by_joint, commands, doubts, on_floor, standing, wheels
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -52,7 +52,7 @@ class Walker:
         drives: laws of actuators that replace the file's: ``Drive("*", "position", kp, kd)`` for a file of motors whose
             driver takes targets (:mod:`cmbrl.scene.drives`).
         reach: how far an action of 1 moves a servo's target from the posture [rad or m]; for a motor, the share of its
-            control range that an action of 1 asks for.
+            control range that an action of 1 asks for. Of a servo of velocities, as of a wheel, it asks for all.
 
     Raises UserError for numbers that are not finite, a speed that has not three, a reach that is not positive, and a
     posture of another kind.
@@ -124,6 +124,7 @@ class Walking:
         if why := doubts(scene, self.q0.numpy()):
             remedy = "choose another posture, or stiffer servos (Walker(drives=...))"
             warnings.warn(f"{scene.name} cannot rest in its posture: {'; '.join(why)}: {remedy}", stacklevel=2)
+        self.angles = torch.from_numpy(~wheels(scene))  # that a policy observes: a wheel's grows without end
         self.height, self.wanted = float(self.q0[2]), torch.tensor(walker.speed, dtype=torch.float64)
         self.unit = max(SLOWEST, math.hypot(walker.speed[0], walker.speed[1]))
         self.home, self.scale, self.low, self.high = map(
@@ -133,7 +134,7 @@ class Walking:
     def process(self) -> MDP:
         """Episodes of 10 s that end when it falls."""
         return MDP(
-            observations=1 + 3 + ROOT_V + len(self.q0) - ROOT_Q + self._joints, actions=self.nu, observe=self.observe,
+            observations=1 + 3 + ROOT_V + int(self.angles.sum()) + self._joints, actions=self.nu, observe=self.observe,
             reward=Total(self.info, TERMS), terminated=self.terminated, reset=self.reset, act=self.act, dt=self.dt,
             episode_steps=round(EPISODE / self.dt), failure="falls", info=self.info, shaping=self.alive,
         )  # fmt: skip
@@ -147,9 +148,12 @@ class Walking:
         return q, v, torch.minimum(torch.maximum(self.home + self.scale * action, self.low), self.high)
 
     def observe(self, q: Tensor, v: Tensor) -> Tensor:
-        """Height, the vertical and the root's velocities in its own frame, joints off the posture, a tenth of rates."""
+        """Height, the vertical and the root's velocities in its own frame, joints off the posture, a tenth of rates.
+
+        Of wheels rates alone.
+        """
         up, linear = self._felt(q, v)
-        joints = q[:, ROOT_Q:] - self.q0[ROOT_Q:]
+        joints = (q[:, ROOT_Q:] - self.q0[ROOT_Q:])[:, self.angles]
         return torch.cat([q[:, 2:3], up, linear, v[:, 3:ROOT_V], joints, 0.1 * v[:, ROOT_V:]], dim=1)
 
     def info(self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:

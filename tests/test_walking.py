@@ -94,6 +94,38 @@ def test_commands_of_servos_and_motors(tmp_path):
     assert np.allclose(more, 10.0)
 
 
+WHEEL = """<body name="{0}_wheel" pos="0 0 -0.2"><joint name="{0}_wheel" axis="0 1 0"{1}/>
+<geom type="cylinder" size="0.05 0.02" euler="90 0 0" mass="0.3"/></body>"""
+
+
+def wheeled(servo, limits=""):
+    """The robot with wheels for feet, under servos of velocities."""
+    xml = robot().replace("</actuator>", "".join(servo.format(name) for name in LEGS) + "</actuator>")
+    for name, (x, y) in LEGS.items():
+        leg = LEG.format(name=name, x=x, y=y)
+        xml = xml.replace(leg, leg.replace("</body>", WHEEL.format(name, limits) + "</body>", 1))
+    return xml
+
+
+def test_wheels_are_asked_for_all_of_their_speeds_and_their_angles_are_not_observed(tmp_path):
+    servo = '<velocity joint="{}_wheel" kv="2" ctrlrange="-20 20"/>'
+    made = walking(tmp_path, wheeled(servo))
+    torch.testing.assert_close(made.scale, torch.tensor([0.4] * 8 + [20.0] * 4, dtype=torch.float64))
+    q, v = made.process().reset(4, torch.Generator().manual_seed(0))
+    rolled, wheels = q.clone(), [6 + made.scene.joint_names.index(f"{name}_wheel") for name in LEGS]
+    rolled[:, wheels] += 100.0
+    seen = made.observe(q, v)
+    assert seen.shape[1] == made.process().observations == 10 + 8 + 12
+    assert torch.equal(seen, made.observe(rolled, v))
+    limited = walking(tmp_path, wheeled(servo, ' limited="true" range="-90 90"'))
+    assert limited.process().observations == 10 + 12 + 12
+
+
+def test_a_servo_of_velocities_without_a_range_is_refused_with_a_remedy(tmp_path):
+    with pytest.raises(UserError, match=r"dog: fl_wheel takes speeds, .*: give its <velocity> a range, as ctrlrange="):
+        walking(tmp_path, wheeled('<velocity name="{0}_wheel" joint="{0}_wheel" kv="2"/>'))
+
+
 @pytest.mark.parametrize(
     "actuator", ['<position joint="{}" kp="15" kv="1"/>', '<position joint="{}" kp="300" kv="2"/>']
 )

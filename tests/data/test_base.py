@@ -12,8 +12,8 @@ import pytest
 import cmbrl
 from cmbrl.data import plausible
 from cmbrl.data.estimation import estimated
-from cmbrl.data.importing import Frames, Options, import_logs
-from cmbrl.data.importing.base_clock import Course, offset
+from cmbrl.data.importing import Frames, Options, base_clock, import_logs, standing_clock
+from cmbrl.data.importing.base_clock import Course, Offset, offset
 from cmbrl.data.position_file import fields_of
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.smoothing import smooth_rotations
@@ -75,6 +75,18 @@ def test_clock_from_joints_and_velocities_from_the_capture(walk):
     assert abs(seconds - LATER) < 3 * error
     assert 0.0 < error < 0.3 * CAPTURE
     assert "by base and what stands on the floor" in note
+
+
+@pytest.mark.parametrize("feet_tell", [True, False])
+def test_feet_tell_the_clock_where_parts_of_the_motion_disagree(walk, monkeypatch, feet_tell):
+    monkeypatch.setattr(base_clock, "offset", lambda *_: Offset(LATER + 0.02, 0.02, sure=False))
+    if feet_tell:
+        seconds, error = told(brought(walk, "joints.npz", capture="named.npz")[1])
+        assert abs(seconds - LATER) < 3 * error < CAPTURE, (seconds, error)
+        return
+    monkeypatch.setattr(standing_clock, "refined", lambda *_: None)
+    with pytest.raises(UserError, match=r"parts of the motion tell offsets 0.02 s apart: .*--base-offset"):
+        brought(walk, "joints.npz", capture="named.npz")
 
 
 def test_both_files_have_a_time_whatever_they_call_it(walk):

@@ -117,3 +117,32 @@ def test_motors_without_a_name_keep_that_of_their_joint(tmp_path: Path) -> None:
     path.write_text(f"<mujoco><worldbody>{joints}</worldbody><actuator>{motors}</actuator></mujoco>")
     (tmp_path / "held.xml").write_text(held_file(path, {"near": None}))
     assert Scene.from_mjcf(tmp_path / "held.xml").actuator_names == ("far", "unnamed_actuator_2")
+
+
+OVERLAPPING = """<mujoco><worldbody><geom type='plane' size='0 0 1' pos='0 0 -2'/><body name='trunk'>
+<freejoint name='root'/>
+<geom type='box' size='.2 .1 .05' mass='5'/><body name='fixed' pos='.2 0 0'><geom size='.06' mass='.1'/></body>
+<body name='hip' pos='.2 .1 0'><joint name='hip' axis='1 0 0'/><geom size='.07' mass='.5'/>
+<body name='thigh' pos='0 -.02 0'><joint name='thigh' axis='0 1 0'/>
+<geom type='capsule' fromto='0 0 0 0 0 -.3' size='.03' mass='1'/></body></body></body></worldbody>{}</mujoco>"""
+
+
+def contacts(text: str) -> set[frozenset[str]]:
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    return {frozenset(model.body(model.geom_bodyid[g]).name for g in c.geom) for c in data.contact}
+
+
+EXCLUDED = "<contact><exclude body1='hip' body2='trunk'/></contact>"
+UNFILTERED = "<option><flag filterparent='disable'/></option>"
+
+
+@pytest.mark.parametrize("more", ["", EXCLUDED, UNFILTERED])
+def test_a_held_root_touches_what_it_touches_while_it_is_free(tmp_path: Path, more: str) -> None:
+    path = tmp_path / "robot.xml"
+    path.write_text(OVERLAPPING.format(more))
+    held = held_file(path, {"root": None})
+    assert contacts(held) == contacts(path.read_text())
+    assert frozenset(("trunk", "thigh")) in contacts(held)  # no neighbours: they touch as before
+    assert mujoco.MjModel.from_xml_string(held).nexclude == (0 if more == UNFILTERED else 2)

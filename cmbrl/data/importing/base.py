@@ -99,6 +99,11 @@ def synchronised(
         closer = standing_clock.refined(robot, time, poses, base, scene, told) if witness == _JOINTS else None
         if closer is not None:
             told, witness = closer, "what stands on the floor"
+        if not told.sure:
+            raise UserError(
+                f"{where}: parts of the motion tell offsets {told.error:.2g} s apart: {base_clock.REMEDY}, or record "
+                "more motion"
+            )
         offset = told.seconds
         note = f"clock of the base: {offset:.4f} s later (+- {told.error:.2g} s), by base and {witness}"
     time = time - offset
@@ -131,7 +136,7 @@ def _late(time: np.ndarray, poses: np.ndarray, robot: Found, scene: Scene, where
         found = base_clock.offset(*_compared(time, poses, robot, None, None, scene), where)
     except UserError:  # the motion does not tell
         return ""
-    if not abs(found.seconds) > max(_CLEARLY * found.error, float(np.median(np.diff(time)))):
+    if not found.sure or not abs(found.seconds) > max(_CLEARLY * found.error, float(np.median(np.diff(time)))):
         return ""
     return (
         f"; their stamps are {found.seconds:.4f} s (+- {found.error:.2g} s) later than the joints', by base and "

@@ -29,15 +29,20 @@ _REST = 0.1  # share of the motion that rest counts as, where all of a recording
 _OVERLAP = 0.5  # of the capture, at least
 _LONGER = 100.0  # times the shorter recording: no two of one run
 _TOLD = 0.15  # share of the motion that the best offset explains beyond a typical one
-_SAME = 2.0  # steps of the capture: a larger error means that the parts disagree
+REMEDY = "give it by --base-offset SECONDS"
+SAME = 2.0  # steps of the capture: a larger error means that the parts disagree
 
 
 @dataclass(frozen=True)
 class Offset:
-    """``seconds`` that the capture's times are later than the robot's for the same event, and the error of that."""
+    """``seconds`` that the capture's times are later than the robot's for the same event, and the error of that.
+
+    ``sure``: whether the error is small enough to take it.
+    """
 
     seconds: float
     error: float
+    sure: bool = True
 
 
 @dataclass(frozen=True)
@@ -75,7 +80,7 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     """How much later the clock of ``base`` is; ``robot`` and ``closer`` are joints (see ``rates``), or a gyroscope.
 
     Offsets of up to ``most`` [s] from that at which both recordings begin together, and up to half the shorter one.
-    Raises UserError if the motion does not tell.
+    It is not sure where parts of the motion disagree. Raises UserError if the motion does not tell.
     """
     step = float(np.median(np.diff(base.time)))
     lasting = np.ptp(base.time), np.ptp(robot.time)
@@ -91,9 +96,8 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     left = np.array([_unexplained(few, robot, shift) for shift in wide])
     best = float(wide[np.nanargmin(left)])
     typical = float(np.nanmedian(left))
-    remedy = "give it by --base-offset SECONDS"
     if not np.nanmin(left) < typical - _TOLD:
-        raise UserError(f"{where}: base and joints hardly move together, so the offset of the clocks is open: {remedy}")
+        raise UserError(f"{where}: base and joints hardly move together, so the offset of the clocks is open: {REMEDY}")
     parts = _parts(base)
     if _ROWS * closer.values.shape[1] < min(len(part.time) for part in parts):
         robot = closer
@@ -101,11 +105,7 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     together = lowest(near, np.array([_unexplained(base, robot, shift) for shift in near]))
     told = [lowest(near, np.array([_unexplained(part, robot, shift) for shift in near])) for part in parts]
     error = float(np.std(told, ddof=1) / np.sqrt(PARTS))
-    if error > _SAME * step:
-        raise UserError(
-            f"{where}: parts of the motion tell offsets {error:.2g} s apart: {remedy}, or record more motion"
-        )
-    return Offset(together, error)
+    return Offset(together, error, error <= SAME * step)
 
 
 def _parts(base: Course) -> list[Course]:

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from cmbrl.data.importing import feet
-from cmbrl.data.importing.base_clock import Offset, lowest
+from cmbrl.data.importing.base_clock import SAME, Offset, lowest
 from cmbrl.data.importing.bodies import PLACE, QUATERNION, Floating, joints_of
 from cmbrl.data.importing.build import configurations
 from cmbrl.data.importing.grid import Key, Series
@@ -66,7 +66,8 @@ def refined(
     parts = np.array_split(np.arange(len(rows)), PARTS)
     own = [lowest(shifts, _misfits([pairs.some(part) for pairs in tried], best)) for part in parts]
     error = float(np.hypot(np.std(own, ddof=1) / np.sqrt(PARTS), _READ * np.median(np.diff(time))))
-    return Offset(seconds, error) if error < told.error else None
+    sure = error <= SAME * float(np.median(np.diff(time)))
+    return Offset(seconds, error, sure) if error < told.error else None
 
 
 def _misfits(tried: list[Pairs], x: np.ndarray) -> np.ndarray:

@@ -2,11 +2,15 @@
 
 What hangs on a held joint alone goes with it: its motor, its tendon, its sensors and couplings of what can no longer
 move. What ties it to a joint that still moves is refused, since then the joint would have to be held as well.
+
+MuJoCo lets a body and its parent pass through each other, unless the parent cannot move. A held root would push its
+links away, where shapes overlap at the joints: such pairs are excluded, as they are while the root is free.
 """
 
 from __future__ import annotations
 
 import fnmatch
+import itertools
 import os
 from collections.abc import Container, Iterator, Mapping, Sequence
 from itertools import takewhile
@@ -63,6 +67,7 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
             _place(spec, model, joints, str(path))
             _remove(spec, model, set(joints), str(path))
             _untie(spec)
+            _keep_apart(spec, model)
             spec.compile()
             return str(spec.to_xml())
         except UserError:
@@ -200,6 +205,30 @@ def _untie(spec: mujoco.MjSpec) -> None:
             ends = model.site_bodyid[ends[0]], model.site_bodyid[ends[1]]
         if model.body_weldid[ends[0]] == model.body_weldid[ends[1]]:
             spec.delete(equality)
+
+
+def _keep_apart(spec: mujoco.MjSpec, free: mujoco.MjModel) -> None:
+    """Excludes contacts of what is held with its links, where ``free``, the robot before, had none as parent and child.
+
+    Bodies of a file are the same, in the same order, whatever is held.
+    """
+    if free.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT:
+        return
+    held = spec.compile()
+    solid = [k for k in range(free.nbody) if held.body_geomnum[k] and free.body_weldid[k]]
+    known = {frozenset((each.bodyname1, each.bodyname2)) for each in spec.excludes}
+    for one, other in itertools.combinations(solid, 2):
+        static = [held.body_weldid[k] == 0 for k in (one, other)]
+        names = free.body(one).name, free.body(other).name
+        if static[0] != static[1] and _parent_and_child(free, one, other) and frozenset(names) not in known:
+            spec.add_exclude(bodyname1=names[0], bodyname2=names[1])
+
+
+def _parent_and_child(model: mujoco.MjModel, one: int, other: int) -> bool:
+    """Whether the body of one is right above the other's, each with all that is welded to it."""
+    weld = model.body_weldid[one], model.body_weldid[other]
+    above = [model.body_weldid[model.body_parentid[k]] for k in weld]
+    return bool(weld[0] == above[1] or weld[1] == above[0])
 
 
 def _names(model: mujoco.MjModel, kind: mujoco.mjtObj) -> list[str]:
