@@ -12,8 +12,8 @@ from torch import Tensor
 from cmbrl.envs.evaluation import Actor
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
+from cmbrl.models.robots import Robots
 from cmbrl.models.step_result import SolverWarning
-from cmbrl.models.wiring import Robots
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from cmbrl.envs.spaces import action_space, observation_space
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model, forget
+from cmbrl.models.robots import Robots
 from cmbrl.models.step_result import SolverWarning
-from cmbrl.models.wiring import Robots
 
 try:
     import gymnasium

@@ -23,7 +23,7 @@ from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import HasLawOfSliding, Model
-from cmbrl.models.wiring import Wraps
+from cmbrl.models.robots import Wraps
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind
 

@@ -12,16 +12,18 @@ seconds tell x far better than one row does. Where dry friction holds a joint, n
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.models.between import INTEGRAL, INTEGRATED
 from cmbrl.models.integral import ends_of
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
     from cmbrl.models.log_reading import LogReading
+    from cmbrl.models.observation import Observation
 
 _SPREAD = 0.3  # [rad] or [m], of a target: s
 _ITERATIONS = 2  # friction makes it not quite linear
@@ -43,7 +45,23 @@ class Begun:
         return np.where(known[:, None], self.control[place], 0.0)
 
 
-def begun(model: LogReading, log: Transitions, state: Transitions, theta: np.ndarray, adds: np.ndarray) -> Begun:
+def begun(
+    observation: Observation, model: LogReading, log: Transitions, theta: np.ndarray, least: int = 1
+) -> Observation:
+    """``observation`` with what servos add in each episode of ``log``, by ``model`` at ``theta`` (np + n,).
+
+    The same object where none integrates, or there are fewer than ``least`` episodes.
+    """
+    physical, psi = observation.split(theta)
+    if not psi[observation.place[INTEGRAL]].any() or (least > 1 and len(np.unique(log.episode)) < least):
+        return observation
+    state = replace(observation, begun=None).states(log, psi)
+    return replace(
+        observation, begun=_told(model, log, state, physical, observation.servo[:, observation.place[INTEGRATED]])
+    )
+
+
+def _told(model: LogReading, log: Transitions, state: Transitions, theta: np.ndarray, adds: np.ndarray) -> Begun:
     """What is added in each episode of a ``log``, which the model of parameters ``theta`` (np,) sees as ``state``.
 
     ``adds`` (nu, n): what a unit of each joint's integral does to the controls.

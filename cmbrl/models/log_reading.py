@@ -9,6 +9,7 @@ import numpy as np
 
 from cmbrl.data.unlogged import unlogged
 from cmbrl.models.activations import Activations
+from cmbrl.models.begun import begun
 from cmbrl.models.following import followed
 from cmbrl.models.observation import Observation
 from cmbrl.models.step_result import StepResult
@@ -61,7 +62,7 @@ class LogReading(ABC):
         """``log`` as this model's state and control, with the joints that it does not tell (``following``)."""
         free = unlogged(log, self.scene)
         theta = np.append(self.parameters, self.observer.vector(self.observation))
-        observer = self.observer.begins(self, log, theta)
+        observer = begun(self.observer, self, log, theta)
         psi = observer.split(theta)[1]
         state = observer.states(log, psi)
         return followed(self, state, self.parameters, free) if free else state

@@ -11,7 +11,8 @@ averaged over the step, which makes it a smooth function of d and tau. l is the 
 velocity but what that lacks of the target's: the gain of the velocity over that of the position, or a share of it.
 s is what a and y have been apart so far, less its mean over the episode, and r the gain on it, of servos that integrate
 (``integral``); i is what they add in the mean, alike in all episodes, and ``begun`` what is an episode's own. Before
-an episode motors were off, and position servos held their first target.
+an episode motors were off, and position servos held their first target. Of a motor with a dead zone, c is what its
+command is beyond that.
 ``wiring`` does the same command by command. Where actuators have a state, u ends with their activations, which follow
 from the controls of the episode so far; they begin at 0.
 """
@@ -29,8 +30,8 @@ from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models import between
 from cmbrl.models.activations import Activations
 from cmbrl.models.arriving import Arrived, arrived
-from cmbrl.models.begun import Begun, begun
-from cmbrl.models.between import AHEAD, BIAS, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, ZERO
+from cmbrl.models.begun import Begun
+from cmbrl.models.between import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, ZERO
 from cmbrl.models.integral import Lacked, OwnIntegral
 from cmbrl.models.late import late_response
 from cmbrl.numbers import real
@@ -39,7 +40,6 @@ from cmbrl.scene.records import JointKind, Parameter
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
-    from cmbrl.models.log_reading import LogReading
     from cmbrl.scene import Scene
 
 _AHEAD = 1.5  # of a step of the log, less one of the model: commands that move between its samples, or are logged late
@@ -64,6 +64,7 @@ class Observation:
     ahead: float = 0.0
     leads: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (nl,) actuators that may lead
     integrates: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (ni,) that may integrate
+    dead: np.ndarray = field(default_factory=lambda: np.empty(0, dtype=np.int64))  #: (nd,) that may have a dead zone
     begun: Begun | None = None  #: what they had integrated besides ``integrated`` as each episode of a log began
 
     @classmethod
@@ -83,12 +84,14 @@ class Observation:
         places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
         holds = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] != 0.0 for k in range(scene.nu)], dtype=bool)
         leads, integrates = np.flatnonzero(holds), np.flatnonzero(servo[:, : len(joints)].any(axis=1))
+        dead = np.flatnonzero(~holds)
         offered = (
             *between.of_joints(scene, joints, [joints[column] for column in served.tolist()]),
             *between.of_servos(scene, leads, integrates),
+            *between.of_motors(scene, dead),
             *(between.of_commands(dt, early) if scene.nu else ()),
         )
-        return cls(offered, dt, places[:, 0], places[:, 1], servo, holds, activations, early, leads, integrates)
+        return cls(offered, dt, places[:, 0], places[:, 1], servo, holds, activations, early, leads, integrates, dead)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -104,7 +107,7 @@ class Observation:
         groups = np.array([p.group for p in self.parameters])
         return {
             group: np.flatnonzero(groups == group)
-            for group in (BIAS, ZERO, INTEGRATED, LEAD, INTEGRAL, AHEAD, DELAY, LAG)
+            for group in (BIAS, ZERO, INTEGRATED, LEAD, INTEGRAL, DEAD, AHEAD, DELAY, LAG)
         }
 
     @property
@@ -218,11 +221,12 @@ class Observation:
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same, and their derivatives (R, nu, n + nt); ``summed``: those in the gains of integrals, too."""
         biases, place = self.servo.shape[1], self.place
-        given, rate, lacked = self._given(log, psi, rows, 3, summed)
+        given, rate, lacked, passed = self._given(log, psi, rows, 3, summed)
         slope = np.zeros((*rate.shape, len(psi)))
         slope[:, :, :biases] = self.servo
         slope[:, self.leads, place[LEAD]] = rate[:, self.leads]
         slope[:, self.integrates, place[INTEGRAL]] = lacked[:, self.integrates]
+        slope[:, self.dead, place[DEAD]] = passed[:, self.dead]
         slope[:, :, [*place[DELAY], *place[LAG]]] = np.moveaxis(given[1:], 0, -1)
         slope[:, :, place[AHEAD]] = -given[1][:, :, None]
         return given[0] + self._constant(log, psi, rows), slope
@@ -234,24 +238,13 @@ class Observation:
             return np.asarray(constant)
         return np.asarray(constant + self.begun.of(log.episode[rows]))
 
-    def begins(self, model: LogReading, log: Transitions, theta: np.ndarray, least: int = 1) -> Observation:
-        """This, with what servos had integrated as each episode of ``log`` began, by ``model`` at ``theta`` (np + n,).
-
-        The same object where none integrates, or there are fewer than ``least`` episodes.
-        """
-        physical, psi = self.split(theta)
-        if not psi[self.place[INTEGRAL]].any() or (least > 1 and len(np.unique(log.episode)) < least):
-            return self
-        plain = replace(self, begun=None)
-        adds = self.servo[:, self.place[INTEGRATED]]
-        return replace(self, begun=begun(model, log, plain.states(log, psi), physical, adds))
-
     def _given(self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int, summed: bool = False) -> Arrived:
         """Commands at ``psi``, with the first ``count`` of them and of their derivatives; see ``arriving.arrived``."""
         place, nu = self.place, log.u.shape[1]
-        lead, integral = np.zeros(nu), np.zeros(nu)
+        dead, lead, integral = np.zeros((3, nu))
         lead[self.leads], integral[self.integrates] = psi[place[LEAD]], psi[place[INTEGRAL]]
+        dead[self.dead] = psi[place[DEAD]]
         early = float(psi[place[DELAY]].sum() - psi[place[AHEAD]].sum())
         weights = late_response(early, float(psi[place[LAG]].sum()), self.dt)[:count]
         total = Lacked(log, self.joints_q, self.reading) if summed or integral.any() else None
-        return arrived(log, rows, weights, self.holds, lead, integral, total)
+        return arrived(log, rows, weights, self.holds, dead, lead, integral, total)

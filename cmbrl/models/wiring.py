@@ -17,16 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from cmbrl.models.activations import Activations
-from cmbrl.models.between import AHEAD, BIAS, DELAY, INTEGRAL, LAG, LEAD, ZERO
+from cmbrl.models.between import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, LAG, LEAD, ZERO
 from cmbrl.models.observation import Observation
-from cmbrl.models.protocol import Model
 
 Step = Callable[..., tuple[Tensor, Tensor]]
 LEAST = 1e-3  #: of a step: a shorter delay or lag acts as none
@@ -35,7 +34,7 @@ _NONE = 1e-12  # s: a lag that is divided by
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """``delay`` and ``lag`` [s] of commands, ``lead`` (nu,) [s], ``integral`` (nu,) [1/s]; ``bias`` (nq,).
+    """``dead`` zones (nu,), ``delay`` and ``lag`` [s], ``lead`` (nu,) [s], ``integral`` (nu,) [1/s], ``bias`` (nq,).
 
     ``shift`` (nu,): what biases and zeros add to controls. They have a row each: one for all robots, or one a robot
     (``rows``). ``holds`` (nu,) bool: position servos, which held the first command before an episode; motors were off.
@@ -47,6 +46,7 @@ class Wiring:
     observer: Observation
     nq: int
     physical: int | None
+    dead: Tensor
     delay: Tensor
     lag: Tensor
     lead: Tensor
@@ -77,9 +77,9 @@ class Wiring:
         read = _read(observer, every, nq)
         if candidates is None and not (any(x.any() for x in read) or activations):
             return None
-        delay, lag, lead, integral, bias, shift = read
+        dead, delay, lag, lead, integral, bias, shift = read
         return cls(
-            observer, nq, physical, delay[:1], lag[:1], lead[:1], integral[:1], bias[:1], shift[:1],
+            observer, nq, physical, dead[:1], delay[:1], lag[:1], lead[:1], integral[:1], bias[:1], shift[:1],
             torch.from_numpy(observer.holds),
             kept=int(float(delay.max()) / observer.dt) + 1 if delay.any() else 0,
             lags=bool(lag.any()), leads=bool(lead.any()), sums=bool(integral.any()), activations=activations,
@@ -87,8 +87,8 @@ class Wiring:
 
     def rows(self, psi: Tensor) -> Wiring:
         """Robots with one of their own each: psi (B, n), of those that the memory was made for."""
-        delay, lag, lead, integral, bias, shift = _read(self.observer, psi.numpy(), self.nq)
-        return replace(self, delay=delay, lag=lag, lead=lead, integral=integral, bias=bias, shift=shift)
+        dead, delay, lag, lead, integral, bias, shift = _read(self.observer, psi.numpy(), self.nq)
+        return replace(self, dead=dead, delay=delay, lag=lag, lead=lead, integral=integral, bias=bias, shift=shift)
 
     @property
     def dt(self) -> float:
@@ -149,7 +149,7 @@ class Wiring:
     def move(self, step: Step, memory: Tensor, q: Tensor, v: Tensor, u: Tensor, *more: Any) -> tuple[Tensor, ...]:
         """The measured state after a step of a model from the measured q, v under the command u, and the memory."""
         late, sums, states = memory.tensor_split((self.late_width, self.late_width + self.sum_width), dim=1)
-        target, control, late = self.arrive(late, u)
+        target, control, late = self.arrive(late, u - u.clamp(-self.dead, self.dead))
         if self.sums:
             half = 0.5 * self.dt * (target + self._read_by_servos(q))
             control, sums = control + self.integral * (sums + half), sums + half
@@ -168,19 +168,20 @@ class Wiring:
 
 
 def _read(observer: Observation, psi: np.ndarray, nq: int) -> list[Tensor]:
-    """Of ``psi`` (R, n or more): delay and lag (R, 1), lead and integral (R, nu), bias (R, nq), shift (R, nu)."""
+    """Of ``psi`` (R, n or more): dead (R, nu), delay, lag (R, 1), lead and integral (R, nu), bias (R, nq), shift."""
     place = observer.place
     delay, lag = (psi[:, place[name]].sum(axis=1, keepdims=True) for name in (DELAY, LAG))
     if len(place[AHEAD]):
         delay = delay - psi[:, place[AHEAD]]
         lag = lag + np.minimum(delay, 0.0)  # as ``late_response`` has it; no process acts before it is told
     late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in (delay, lag)]
-    bias, (lead, integral) = np.zeros((len(psi), nq)), np.zeros((2, len(psi), len(observer.holds)))
+    bias, (dead, lead, integral) = np.zeros((len(psi), nq)), np.zeros((3, len(psi), len(observer.holds)))
+    dead[:, observer.dead] = psi[:, place[DEAD]]
     bias[:, observer.joints_q] = psi[:, place[BIAS]]
     lead[:, observer.leads], integral[:, observer.integrates] = psi[:, place[LEAD]], psi[:, place[INTEGRAL]]
     kept = np.append(place[BIAS], place[ZERO])  # a log's servos may have integrated before; a process begins anew
     shift = psi[:, kept] @ observer.servo[:, kept].T
-    return [torch.from_numpy(np.ascontiguousarray(x)) for x in (*late, lead, integral, bias, shift)]
+    return [torch.from_numpy(np.ascontiguousarray(x)) for x in (dead, *late, lead, integral, bias, shift)]
 
 
 def _picked(queue: list[Tensor], place: Tensor) -> Tensor:
@@ -189,69 +190,3 @@ def _picked(queue: list[Tensor], place: Tensor) -> Tensor:
     if len(place) == 1:
         return queue[int(place)]
     return torch.stack(queue, dim=1).take_along_dim(place[:, :, None], dim=1)[:, 0]
-
-
-@runtime_checkable
-class Wired(Protocol):
-    """A model with something between commands and controls."""
-
-    @property
-    def wiring(self) -> Wiring | None:
-        """None if there is nothing."""
-        ...
-
-
-@runtime_checkable
-class Wraps(Protocol):
-    """A model around another, such as a bundle of `cmbrl.gradients`."""
-
-    model: Model
-
-
-def wiring_of(model: object) -> Wiring | None:
-    """The wiring of a model, or of the model that it wraps."""
-    inner = model.model if isinstance(model, Wraps) else model
-    return inner.wiring if isinstance(inner, Wired) else None
-
-
-class Robots:
-    """``count`` robots of ``model`` side by side: its step, with what the wiring of each row remembers.
-
-    A model without a wiring is stepped as it is. Parameters (count, np + n) given to a step end with what lies between
-    commands and each robot, as candidates of the model do.
-    """
-
-    def __init__(self, model: Model, count: int) -> None:
-        self.wiring = wiring_of(model)
-        self._model_step = model.step
-        self.step: Step = self._model_step if self.wiring is None else self._wired_step
-        self.memory = self._begin(count)
-        self._read: tuple[Tensor, Wiring] | None = None  # the last parameters, and their wirings
-
-    def restart(self, rows: Tensor) -> None:
-        """Puts the robots in ``rows`` (R,) to rest."""
-        if self.memory.shape[1]:
-            self.memory = self.memory.index_copy(0, rows, self._begin(len(rows)))
-
-    def detach(self) -> None:
-        """Cuts the graph."""
-        self.memory = self.memory.detach()
-
-    def _begin(self, count: int) -> Tensor:
-        return torch.zeros(count, 0, dtype=torch.float64) if self.wiring is None else self.wiring.begin(count)
-
-    def _wired_step(
-        self, q: Tensor, v: Tensor, u: Tensor, theta: Tensor | None = None, *more: Any
-    ) -> tuple[Tensor, Tensor]:
-        assert self.wiring is not None
-        wiring, given = self.wiring, () if theta is None else (theta, *more)
-        if theta is not None and wiring.physical is not None and theta.shape[-1] > wiring.physical:
-            wiring, given = self._of_rows(theta, wiring.physical), (theta[:, : wiring.physical], *more)
-        q, v, self.memory = wiring.move(self._model_step, self.memory, q, v, u, *given)
-        return q, v
-
-    def _of_rows(self, theta: Tensor, physical: int) -> Wiring:
-        assert self.wiring is not None
-        if self._read is None or self._read[0] is not theta:
-            self._read = theta, self.wiring.rows(theta[:, physical:])
-        return self._read[1]

@@ -17,8 +17,8 @@ from torch import Tensor
 
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import HasCoordinates, Model, failures
+from cmbrl.models.robots import Robots
 from cmbrl.models.step_result import SolverWarning
-from cmbrl.models.wiring import Robots
 
 EPISODES, NOISE = 128, 0.37  # side by side; standard deviation of actions, SHAC's at its start
 LEAST = 1e-3  # of the largest spread: what hardly moves has no unit of its own

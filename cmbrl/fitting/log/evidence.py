@@ -16,6 +16,7 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.log.position_noise import slopes
 from cmbrl.fitting.search.loss import SEVERAL, PredictionLoss
 from cmbrl.fitting.search.space import Space
+from cmbrl.models.begun import begun
 from cmbrl.models.between import BIAS, DELAY, LAG
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.following import followed
@@ -145,7 +146,7 @@ class Evidence:
     def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
         """The model's parameters of ``theta`` (n,), and the log as its state and control."""
         physical, psi = self.observation.split(theta)
-        observation = self.observation.begins(self.model, self.log, theta, SEVERAL)
+        observation = begun(self.observation, self.model, self.log, theta, SEVERAL)
         return physical, observation.states(self.log, psi)
 
     def late(self, z: np.ndarray) -> bool:

@@ -22,6 +22,7 @@ from cmbrl.fitting.search.loss_values import Errors, NormalEquations, alike_rows
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.square_root import Rows, add_squares, root_of
 from cmbrl.fitting.search.starts import Follow, Settling, StartEquations
+from cmbrl.models.begun import begun
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows, huber
@@ -133,7 +134,7 @@ class PredictionLoss:
 
     def begun(self, theta: np.ndarray) -> PredictionLoss:
         """The same loss with what servos had integrated before each episode, at ``theta`` (n,); or the same object."""
-        observation = self.observation.begins(self.model, self.windows.data, theta, SEVERAL)
+        observation = begun(self.observation, self.model, self.windows.data, theta, SEVERAL)
         return self if observation is self.observation else replace(self, observation=observation)
 
     def settled(self, theta: np.ndarray) -> PredictionLoss:
