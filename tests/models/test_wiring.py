@@ -174,7 +174,8 @@ def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
 
 def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm: Scene) -> None:
     model = model_of(arm, 0.013, 0.02)
-    sets = np.stack([np.append(model.parameters, [*np.zeros(4), 0.02 * (d > 0.0), 0.0, 0.0, d, lag]) for d, lag in LATE])
+    between = [[*np.zeros(4), 0.02 * (d > 0.0), 0.0, 0.0, d, lag] for d, lag in LATE]
+    sets = np.stack([np.append(model.parameters, row) for row in between])
     wiring = model.with_settings(candidates=sets).wiring
     assert wiring is not None
     robots = wiring.rows(torch.from_numpy(sets[:, len(model.parameters) :]))
