@@ -54,7 +54,7 @@ def arrived(
         if rated:
             passed -= weight[0] * np.sign(told) * (np.abs(told) > dead)
         if limited:
-            told = told - np.clip(told, -dead, dead)
+            told = np.sign(told) * np.maximum(np.abs(told) - dead, 0.0)
         acted += weight[:, None, None] * told
         if rated:
             rate += change[:, None, None] * told

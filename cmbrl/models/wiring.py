@@ -149,7 +149,8 @@ class Wiring:
     def move(self, step: Step, memory: Tensor, q: Tensor, v: Tensor, u: Tensor, *more: Any) -> tuple[Tensor, ...]:
         """The measured state after a step of a model from the measured q, v under the command u, and the memory."""
         late, sums, states = memory.tensor_split((self.late_width, self.late_width + self.sum_width), dim=1)
-        target, control, late = self.arrive(late, u - u.clamp(-self.dead, self.dead))
+        beyond = torch.where(self.dead > 0.0, u - u.clamp(-self.dead, self.dead), u)
+        target, control, late = self.arrive(late, beyond)
         if self.sums:
             half = 0.5 * self.dt * (target + self._read_by_servos(q))
             control, sums = control + self.integral * (sums + half), sums + half

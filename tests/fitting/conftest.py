@@ -38,7 +38,8 @@ class CartScene:
     def __init__(self, n: int) -> None:
         self.nq = self.nv = self.nu = self.inputs = n
         self.planar = False
-        self.joint_names = self.actuator_names = self.joints = self.urdf_changes = self.contact_names = ()
+        self.joint_names = self.joints = self.urdf_changes = self.contact_names = ()
+        self.actuator_names = tuple(f"motor {i}" for i in range(n))
         self.left_out = (SimpleNamespace(kind="tendon", name="rope", why="not modelled"),)
         made = [Parameter(f"{f}.{i}", f, 1.0, 0.2, 5.0, "log", "") for f in FIELDS for i in range(n)]
         self.parameters = (

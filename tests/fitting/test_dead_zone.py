@@ -81,3 +81,16 @@ def test_derivatives_and_processes_have_it() -> None:
     for command in torch.from_numpy(log.u):
         q, v = robots.step(q, v, command[None])
     assert np.abs(np.array(seen) - u).max() < 1e-9
+
+
+def test_a_command_of_0_still_has_a_gradient_where_no_zone_is_dead() -> None:
+    """A policy that begins there could not learn else."""
+    model = cmbrl.ComplementarityModel(
+        cmbrl.Scene.from_mjcf(arm(2.5)), observation={"dead_zone.left": 0.1, "delay.command": 1e-3}
+    ).for_log(DT)
+    u = torch.zeros(1, 2, dtype=torch.float64, requires_grad=True)
+    state = torch.zeros(1, 2, dtype=torch.float64)
+    _, v = Robots(model, 1).step(state, state, u)
+    (slope,) = torch.autograd.grad(v.square().sum() + v.sum(), u)
+    assert slope[0, 0] == 0.0
+    assert abs(slope[0, 1]) > 1e-3

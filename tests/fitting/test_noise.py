@@ -163,6 +163,7 @@ def test_starts_follow_the_parameters(setup):
     objective = Objective.at(loss.settled(space.theta(z)), space, active, z)
     equations = objective.normal_equations(z)
     step = 1e-3 * np.random.default_rng(2).normal(size=len(space))
+    step[-2:] = np.abs(step[-2:])  # delay and lag
     followed = objective.followed(equations, step[None])[0]
     settled = objective.loss.settled(space.theta(z + step)).windows.offset
     moved = np.abs(settled - objective.loss.windows.offset).max()
