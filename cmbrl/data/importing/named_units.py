@@ -21,18 +21,7 @@ _ELSE = _COUNTED | {
     "inc", "incs", "increments", "digits", "adc", "a", "ma", "amp", "amps", "ampere", "v", "mv", "volt", "w", "hz",
     "°c", "degc", "k", "g", "kg", "-",
 }  # fmt: skip
-_WORDS = {
-    "deg",
-    "degrees",
-    "rad",
-    "mrad",
-    "rpm",
-    "mm",
-    "cm",
-    "mnm",
-    "percent",
-    "pct",
-}  #: those of names without brackets
+_WORDS = {"deg", "degrees", "rad", "mrad", "rpm", "mm", "cm", "mnm", "percent", "pct"}
 WORDS = _WORDS | _COUNTED  #: units of names without brackets
 _TELL = {"angular speed": "velocity", "speed": "velocity", "torque": "torque", "force": "torque"}
 
