@@ -43,9 +43,9 @@ EPISODE = (2.5, 10.0)  # s, at the start and from half of the updates on
 OTHER_LAW = 0.5  # share of the episodes
 # Velocity noise as random pushes of one intensity: its variance grows with the duration of a step.
 LINEAR, ANGULAR = 0.34, 1.1  # m/s and rad/s per square root of a second
-# Less of it on linear velocities where these are small, times the largest spread under random actions. Legged robots
-# here reach .2 m/s and more, and keep all; a ball on a table that tilts reaches .1, and learned nothing under .34. But
-# what nothing touches yet tells no speed: hence no less than a share.
+# Less of it on linear velocities where these are small, times the largest spread under random actions. Most legged
+# robots reach .2 m/s, and keep all; a ball on a table that tilts reaches .1, and a policy learned nothing under .34.
+# But what nothing touches yet tells no speed: hence no less than a share.
 CALM, FAINTEST = 2.0, 0.1  # per square root of a second; of LINEAR
 # Nets: the first layer has at least four units per observation and action.
 UNITS, WIDTH = 4, (128, 512)
