@@ -8,7 +8,7 @@ import json
 import sys
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cmbrl.cli.argument_types import assignment, positive, positive_number
 from cmbrl.cli.options import (
@@ -28,6 +28,10 @@ from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
 from cmbrl.files import file_digest, read_json
 from cmbrl.runs import CONFIGURATION, alone_in, usable_cores, write_run
+
+if TYPE_CHECKING:
+    from cmbrl.train.run import Outcome
+    from cmbrl.train.trainer import Trainer
 
 EXAMPLE = """
 cmbrl train hopper --out runs/policy
@@ -165,10 +169,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     import torch
 
-    from cmbrl.envs.trials import foretold, unlearned
     from cmbrl.train.models import NOMINAL
     from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun
-    from cmbrl.train.run_texts import commands_text, progress_text
     from cmbrl.train.sources import sources
     from cmbrl.train.trainer import Diverged
 
@@ -190,33 +192,38 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(read_json(out / RESULT), indent=2))
     else:
-        print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
-        if conditions := trainer.conditions():
-            print(f"{out}: {commands_text(conditions)}")
-        for update, to in trainer.returns_to:
-            print(
-                f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}"
-            )
-        for update, share in trainer.learned_on:
-            failed = f"{100 * share:.0f} % of episodes failed in the model"
-            print(f"{out}: after {update} updates {failed}, so it learned on")
-        if trainer.kept is not None:
-            print(f"{out}: the policy of update {trainer.kept} is kept: the last one does worse in the model")
-        for place, remark in trainer.remarks.items():
-            print(f"{out / place}: {remark}")
-        if trainer.gradients:
-            print(f"{out}: {trainer.gradients}")
-        if outcome.failed_trials:
-            fitted = setup.model != NOMINAL or setup.algorithm == "loop"
-            print(f"{out}: {foretold(outcome.failed_trials, fitted)}")
-        if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
-            print(f"{out}: {told}")
-        if stops := _early(getattr(trainer, "model", None)):
-            print(f"{out}: {stops}")
+        _tell(out, trainer, outcome, setup.model != NOMINAL or setup.algorithm == "loop")
     if outcome.stopped == INTERRUPTED:
         print(f"cmbrl: interrupted: the policy so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED
     return 0
+
+
+def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool) -> None:
+    """Prints how the training went and what its policy is worth; ``fitted``: whether it was trained on a fit."""
+    from cmbrl.envs.trials import foretold, unlearned
+    from cmbrl.train.run_texts import commands_text, progress_text
+
+    print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
+    if conditions := trainer.conditions():
+        print(f"{out}: {commands_text(conditions)}")
+    for update, to in trainer.returns_to:
+        print(f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}")
+    for update, share in trainer.learned_on:
+        failed = f"{100 * share:.0f} % of episodes failed in the model"
+        print(f"{out}: after {update} updates {failed}, so it learned on")
+    if trainer.kept is not None:
+        print(f"{out}: the policy of update {trainer.kept} is kept: the last one does worse in the model")
+    for place, remark in trainer.remarks.items():
+        print(f"{out / place}: {remark}")
+    if trainer.gradients:
+        print(f"{out}: {trainer.gradients}")
+    if outcome.failed_trials:
+        print(f"{out}: {foretold(outcome.failed_trials, fitted)}")
+    if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
+        print(f"{out}: {told}")
+    if stops := _early(getattr(trainer, "model", None)):
+        print(f"{out}: {stops}")
 
 
 def _early(model: Any) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from cmbrl.envs.drawing import Drawer
-from cmbrl.envs.spaces import action_space, observation_space
+from cmbrl.envs.spaces import action_space, check_render_mode, observation_space
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model, forget
@@ -48,8 +48,7 @@ class MDPEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         width: int = 480,
         height: int = 360,
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise UserError(f"render_mode {render_mode!r}: use None or 'rgb_array'")
+        check_render_mode(render_mode)
         self.mdp, self.model, self.scene = mdp, model, scene
         self.render_mode, self.width, self.height = render_mode, width, height
         self.metadata = {"render_modes": ["rgb_array"], "render_fps": max(1, round(1 / mdp.dt))}

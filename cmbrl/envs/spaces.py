@@ -21,3 +21,9 @@ def observation_space(mdp: MDP) -> Box:
 def action_space(mdp: MDP) -> Box:
     """Actions (n_a,) in [-1, 1]."""
     return Box(-1.0, 1.0, (mdp.actions,), np.float32)
+
+
+def check_render_mode(mode: str | None) -> None:
+    """Raises UserError unless pictures are arrays, or there are none."""
+    if mode not in (None, "rgb_array"):
+        raise UserError(f"render_mode {mode!r}: use None or 'rgb_array'")

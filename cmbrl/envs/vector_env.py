@@ -10,7 +10,7 @@ from torch import Tensor
 
 from cmbrl.envs.drawing import Drawer
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.spaces import action_space, observation_space
+from cmbrl.envs.spaces import action_space, check_render_mode, observation_space
 from cmbrl.errors import UserError
 
 try:
@@ -46,8 +46,7 @@ class MDPVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         width: int = 480,
         height: int = 360,
     ) -> None:
-        if render_mode not in (None, "rgb_array"):
-            raise UserError(f"render_mode {render_mode!r}: use None or 'rgb_array'")
+        check_render_mode(render_mode)
         self.simulation, self.scene = simulation, scene
         self.num_envs = simulation.count
         self.render_mode, self.width, self.height = render_mode, width, height
