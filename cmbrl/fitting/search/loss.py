@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cmbrl.fitting.search.equations import EquationSums
 from cmbrl.fitting.search.linearised import Lineariser
 from cmbrl.fitting.search.loss_values import Errors, NormalEquations, alike_rows
 from cmbrl.fitting.search.space import Space
-from cmbrl.fitting.search.square_root import Rows, add_squares, root_of
-from cmbrl.fitting.search.starts import Follow, Settling, StartEquations
+from cmbrl.fitting.search.starts import Follow, Settling
 from cmbrl.models.begun import begun
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.observation import Observation
@@ -31,15 +31,12 @@ from cmbrl.native import SolverStatus
 _ROWS_AT_ONCE = 4_000_000  # candidates x transitions in one native call: a few seconds, so that Ctrl-C works
 _PARTS = 4  # of the windows, after each of which a candidate may be given up
 _SIDE_BY_SIDE = 8  # windows that the core predicts as fast as one
-_CHAOS = 1e6  # residuals by prior standard deviations, beyond which a derivative tells of no place but its own
 _EXACT = 1e-8  # loss of a coordinate that the solver's accuracy leaves
 _RISE = 1e-6  # of the loss: more than round-off
 SEVERAL = 2  #: episodes at least that begin with integrals of their own; that of a single one is a parameter
 _JACOBIAN_NUMBERS = 4_000_000  # doubles of the parameter Jacobian in memory at once (32 MB)
-_PACKS, _MOST_NUMBERS = (
-    4,
-    60_000_000,
-)  # packs of lanes that windows fill at least, unless these have more doubles (480 MB)
+_PACKS = 4  # packs of lanes that windows fill at least, unless these have more doubles
+_MOST_NUMBERS = 60_000_000  # 480 MB
 
 
 @dataclass(frozen=True)
@@ -177,54 +174,17 @@ class PredictionLoss:
 
         ``active`` (n,): parameters to differentiate by; the others get zeros. Default: all. ``rooted``: with its root.
         """
-        scales, all_starts, blocks = self.windows.scales, self.windows.starts, self.windows.blocks
         columns = np.arange(len(space)) if active is None else np.flatnonzero(active)
-        n, episodes = len(columns), np.unique(blocks)
-        gradients, hessian, size = np.zeros((len(episodes), n)), np.zeros((n, n)), 0.0
-        width, alike, followed, collected = scales.observed * self.windows.horizon, [], [], Rows(len(space))
-        by_z, lineariser = space.slope(z)[columns], self.lineariser(space.theta(z), columns)
-        block = self._at_once(width * max(n + len(scales.uncertain), 1))
-        for i in range(0, len(all_starts), block):
+        sums = EquationSums(self.windows, columns, space.slope(z)[columns], len(space), rooted)
+        lineariser, scales = self.lineariser(space.theta(z), columns), self.windows.scales
+        block = self._at_once(scales.observed * self.windows.horizon * max(len(columns) + len(scales.uncertain), 1))
+        for i in range(0, len(self.windows.starts), block):
             part = slice(i, i + block)
-            found = lineariser.at(part)
-            residual, told, slope, jacobian = found.residual, found.told, found.slope, found.jacobian
-            jacobian *= by_z[told, None]
-            lost = ~(np.isfinite(residual).all(axis=1) & np.isfinite(slope).all(axis=(1, 2)))
-            lost |= ~(jacobian.max(axis=(1, 2), initial=0.0) <= _CHAOS)  # also where it is not finite
-            lost |= ~(jacobian.min(axis=(1, 2), initial=0.0) >= -_CHAOS)
-            # failed steps and chaos: a constant in the loss, which has no slope
-            residual[lost], jacobian[lost], slope[lost] = 0.0, 0.0, 0.0
-            alike.append(alike_rows(residual.reshape(len(residual), self.windows.horizon, -1)))
-            weight = np.minimum(1.0, scales.huber / np.maximum(np.abs(residual), 1e-300))
-            loss = huber(residual, scales.huber).sum(axis=1) / self.windows.horizon
-            counts = self.windows.weight(loss + np.broadcast_to(self.windows.price, len(all_starts))[part])
-            slopes = (jacobian @ (weight * residual)[:, :, None])[:, :, 0]
-            size += float((counts[:, None] * weight * residual**2).sum())
-            if self.windows.offset is not None:
-                offset = self.windows.offset[part]
-                precision = self.windows.start_precision[part if self.windows.own else slice(None)]
-                starts = StartEquations.of(residual, weight, slope, offset, precision, scales.huber)
-                cross = (jacobian @ (weight[:, :, None] * slope)).transpose(0, 2, 1)  # (s, k, n)
-                solved = starts.solve(np.concatenate([starts.gradient[:, :, None], cross], axis=2))
-                slopes -= (solved[:, None, :, 0] @ cross)[:, 0]
-                counted = counts[:, None, None] * cross
-                hessian[np.ix_(told, told)] -= np.tensordot(counted, solved[:, :, 1:], axes=([0, 1], [0, 1]))
-                followed.append(Follow.of(-solved, columns[told], len(space)))
-            jacobian *= np.sqrt(weight * counts[:, None])[:, None]  # from here on: rows that are squared
-            by_step = jacobian.reshape(*jacobian.shape[:2], self.windows.horizon, scales.observed)
-            add_squares(hessian, by_step, told)
-            for window in jacobian if rooted and self.windows.offset is None else ():
-                collected.add(window.T, columns[told])
-            np.add.at(gradients, np.ix_(np.searchsorted(episodes, blocks[part]), told), counts[:, None] * slopes)
-        count = self.steps
-        by_episode, square = np.zeros((len(episodes), len(space))), np.zeros((len(space), len(space)))
-        by_episode[:, columns], square[np.ix_(columns, columns)] = gradients / count, hessian / count
-        variance = size / (count * scales.observed)
-        independent = self.independent(float(np.mean(alike)))
-        follow = self._followed(Follow.joined(followed), space.theta(z)) if followed else None
-        exact = rooted and self.windows.offset is None
-        root = collected.root() / np.sqrt(count) if exact else root_of(square) if rooted else None
-        return NormalEquations(by_episode.sum(axis=0), square, by_episode, independent, variance, follow, root)
+            sums.add(part, lineariser.at(part))
+        equations = sums.means(self.independent(float(np.mean(sums.alike))))
+        if equations.follow is None:
+            return equations
+        return replace(equations, follow=self._followed(equations.follow, space.theta(z)))
 
     def _at_once(self, numbers: int) -> int:
         """Windows to linearise together, of which each has so many ``numbers`` as derivatives.
