@@ -2,27 +2,22 @@
 
 Zhang, Jin & Wang, "Adaptive Barrier Smoothing for First-Order Policy Gradient with Contact Dynamics" (ICML 2023),
 algorithm 2. Three things are our own. Policies improve on draws from the fit's posterior, under velocity noise. Several
-are trained from different seeds, to the end or for a trial, and the best is kept: that of the highest return in the
-model under these draws, never in the real system, in the mean of both laws of sliding and of MuJoCo's step, since no
-robot slides quite by any. All but the first begin on the file, since some fits are hard to learn on from scratch. While
-the best fails its trials (``cmbrl.envs.trials``), further ones are trained. Returns are measured without noise, because
-they then rank policies as the real system does (rank correlation 0.99 over ten hoppers, against 0.43 with noise).
+are trained from different seeds, to the end or for a trial, and the best in the model is kept (``contest``). All but
+the first begin on the file, since some fits are hard to learn on from scratch. While the best fails its trials
+(``cmbrl.envs.trials``), further ones are trained.
 """
 
 from __future__ import annotations
 
-import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.history import with_last_actions
 from cmbrl.envs.recording import Recording
-from cmbrl.envs.trials import LAWS, failed, stands, trials, without_action
 from cmbrl.errors import UserError
 from cmbrl.fitting import FitResult, fit
 from cmbrl.fitting.outcome.first_line import first_line
@@ -31,6 +26,7 @@ from cmbrl.mdp import MDP
 from cmbrl.models.carried import without_play
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.system import SystemFactory
+from cmbrl.train.contest import Contest, judged
 from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.shac import SHAC
 from cmbrl.train.trainer import Trainer
@@ -65,9 +61,7 @@ class Loop(Trainer):
         self.generator = torch.Generator().manual_seed(seed)
         self.round = 0
         self.before: dict[str, torch.Tensor] = {}  # the policy at the end of the last round
-        self.tried: list[dict[str, Any]] = []  # of each policy after its trial: score, "stands", trainer's state
-        self.added = 0  # policies of all rounds besides those planned
-        self.wanted = config.policies  # policies of this round
+        self.contest = Contest(config.policies, config.further)
         self.settings, self.trial_updates = config.shac(), config.trial_updates()
         self.file_updates = round(config.on_file * (self.trial_updates or self.settings.iterations))
         self.model: ComplementarityModel | None = None
@@ -86,7 +80,7 @@ class Loop(Trainer):
         metrics = self.trainer.update()
         if self._begins_on_file() and self.trainer.iteration == self.file_updates:
             self._carry_over()
-        tried = self.trainer.iteration == self.trial_updates and len(self.tried) < self.wanted
+        tried = self.trainer.iteration == self.trial_updates and self.contest.open
         if tried or self.trainer.iteration == self.settings.iterations:
             metrics |= self._judge()
         if tried:
@@ -141,7 +135,7 @@ class Loop(Trainer):
 
     def _begins_on_file(self) -> bool:
         """Whether this policy does: all but the first of the first round."""
-        return self.round == 0 and len(self.tried) > 0
+        return self.round == 0 and bool(self.contest.tried)
 
     def _begin_policy(self, done: int = 0) -> None:
         """A fresh policy in the first round; later the last round's, with new optimisers and a new critic.
@@ -151,7 +145,9 @@ class Loop(Trainer):
         """
         assert self.model is not None
         on_file = self._begins_on_file() and done < self.file_updates
-        self._begin(self.nominal if on_file else self.model, self.seed + 1000 * len(self.tried) + 100 * self.round)
+        self._begin(
+            self.nominal if on_file else self.model, self.seed + 1000 * len(self.contest.tried) + 100 * self.round
+        )
         if self.before:  # a restored run of one round has none
             self.trainer.policy.load_state_dict(self.before)
 
@@ -167,42 +163,32 @@ class Loop(Trainer):
         self.policy = self.trainer.policy
 
     def _judge(self) -> dict[str, float]:
-        """Mean return in the model under its uncertainty, that of its laws too, as "score", and what trials say.
-
-        "failed": the share of episodes that fail under the draws; "stands": 1 if it ``stands``. Whoever hardly moves
-        stands, and a policy that would fall under the other law may still be worth more.
-        """
+        """What the policy in training is worth in the model (see ``judged``)."""
         assert self.model is not None
-        given = self.mdp, self.model, self.config.score_episodes, self.seed + 1
-        found = trials(self.policy, *given)
-        shares = failed(found, without_action(*given))
-        returns = [found[name].returns.mean() for name in LAWS if name in found]
-        told = {"failed": shares["draws"], "stands": float(stands(shares))}
-        return {"score": float(np.mean(returns)), **told}
+        return judged(self.policy, self.mdp, self.model, self.config.score_episodes, self.seed + 1)
 
     def _end_trial(self, found: dict[str, float]) -> None:
         """Starts the next policy's trial; after the last one, the best continues where its trial ended."""
-        told = {name: found[name] for name in ("score", "stands")}
-        self.tried.append({**told, "trainer": copy.deepcopy(self.trainer.state())})
-        best = max(self.tried, key=lambda one: one["score"])
-        if len(self.tried) == self.wanted < self.config.policies + self.config.further and not best["stands"]:
-            self.wanted, self.added = self.wanted + 1, self.added + 1
-        done = len(self.tried) == self.wanted
-        self._begin_policy(best["trainer"]["iteration"] if done else 0)
-        if done:
-            self.trainer.restore(best["trainer"])
+        self.contest.enter(found, self.trainer.state())
+        if self.contest.open:
+            self._begin_policy()
+        else:
+            best = self.contest.best["trainer"]
+            self._begin_policy(best["iteration"])
+            self.trainer.restore(best)
 
     def _end_round(self) -> None:
         """Prepares the next round, which begins with acting."""
         self.round += 1
         if self.round < self.config.rounds:
             self.before = {name: value.clone() for name, value in self.policy.state_dict().items()}
-            self.model, self.tried, self.wanted = None, [], self.config.policies
+            self.model = None
+            self.contest.begin()
 
     @property
     def further(self) -> int:
         """Updates of policies that were not planned."""
-        return self.added * self.trial_updates
+        return self.contest.added * self.trial_updates
 
     def conditions(self) -> dict[str, Any]:
         """Those of the policy in training."""
@@ -214,7 +200,7 @@ class Loop(Trainer):
         if self.model is None:
             return "real transitions, and a fit of the model to them"
         done = self.trainer.iteration + 1
-        tried = done == self.trial_updates and len(self.tried) < self.wanted
+        tried = done == self.trial_updates and self.contest.open
         return "trials of the policy in the model" if tried or done == self.settings.iterations else ""
 
     @property
@@ -226,12 +212,10 @@ class Loop(Trainer):
     def remarks(self) -> dict[str, str]:  # type: ignore[override]
         """What the fit is worth, and what the policies earned of which one was kept."""
         told = {"fit": self.verdict} if self.verdict else {}
-        if len(self.tried) < 2 or self.round < self.config.rounds:
+        if len(self.contest.tried) < 2 or self.round < self.config.rounds:
             return told
-        earned = ", ".join(f"{one['score']:.4g}" for one in self.tried)
-        when = "at their ends" if self.trial_updates == self.settings.iterations else f"by update {self.trial_updates}"
-        kept = f"of {len(self.tried)} policies the best is kept"
-        return {**told, "": f"{kept}; in the model they earn, {when}, {earned}"}
+        ends = self.trial_updates == self.settings.iterations
+        return {**told, "": self.contest.told("at their ends" if ends else f"by update {self.trial_updates}")}
 
     def failed_trials(self) -> dict[str, float]:
         """Those of the policy in training."""
@@ -251,9 +235,7 @@ class Loop(Trainer):
         return {
             "round": self.round,
             "before": self.before,
-            "tried": self.tried,
-            "added": self.added,
-            "wanted": self.wanted,
+            **self.contest.state(),
             "verdict": self.verdict,
             "recording": self.recording.state(),
             "generator": self.generator.get_state(),
@@ -267,8 +249,8 @@ class Loop(Trainer):
 
     def restore(self, state: dict[str, Any]) -> None:
         """Continues from what ``state`` returned, bit for bit."""
-        self.round, self.before, self.tried = state["round"], state["before"], state["tried"]
-        self.added, self.wanted, self.verdict = state["added"], state["wanted"], state["verdict"]
+        self.round, self.before, self.verdict = state["round"], state["before"], state["verdict"]
+        self.contest.restore(state)
         if state["last_actions"] is not None:
             self._observe_actions(state["last_actions"])
         self.recording.restore(state["recording"])

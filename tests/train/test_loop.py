@@ -56,8 +56,8 @@ def test_the_better_of_the_trials_goes_on(make_loop):
     loop = make_loop()
     rows = [loop.update() for _ in range(4)]
     told = [(row["score"], row["stands"]) for row in rows[1::2]]
-    assert [(one["score"], one["stands"]) for one in loop.tried] == told
-    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
+    assert [(one["score"], one["stands"]) for one in loop.contest.tried] == told
+    chosen = max(loop.contest.tried, key=lambda one: one["score"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
 
@@ -74,12 +74,12 @@ def test_scores_are_the_mean_of_both_laws_of_sliding(make_fitted, monkeypatch):
     lazy = {"draws": outcome([1000.0, 1100.0], False), "law": outcome([1100.0, 1000.0], False)}
     hops = {"draws": outcome([3400.0, 3500.0], False), "law": outcome([700.0, 800.0], True)}
     loop = make_fitted(replace(SMALL, rounds=1, iterations=6))
-    monkeypatch.setattr("cmbrl.train.loop.trials", lambda *_: told.pop(0))
+    monkeypatch.setattr("cmbrl.train.contest.trials", lambda *_: told.pop(0))
     told = [hops, lazy]
     rows = [loop.update() for _ in range(4)]
     assert [(row.get("score"), row.get("stands")) for row in rows[1::2]] == [(2100.0, 0.0), (1050.0, 1.0)]
     for name, value in loop.policy.state_dict().items():
-        torch.testing.assert_close(value, loop.tried[0]["trainer"]["policy"][name], rtol=0, atol=0)
+        torch.testing.assert_close(value, loop.contest.tried[0]["trainer"]["policy"][name], rtol=0, atol=0)
 
 
 @pytest.fixture
@@ -107,13 +107,13 @@ def test_further_policies_are_trained_while_the_best_fails(make_fitted, monkeypa
     outcome = TrainingRun(loop, tmp_path / "run", {}).train(config.iterations)
     assert outcome.iteration == config.iterations + 2 * each
     assert loop.further == 2 * each
-    assert [one["stands"] for one in loop.tried] == [0.0, 1.0, 1.0]
+    assert [one["stands"] for one in loop.contest.tried] == [0.0, 1.0, 1.0]
     assert loop.round == 1
     again.restore(loop.state())
     assert again.further == loop.further
     if trial == 1.0:
         for name, value in loop.policy.state_dict().items():
-            torch.testing.assert_close(value, loop.tried[2]["trainer"]["policy"][name], rtol=0, atol=0)
+            torch.testing.assert_close(value, loop.contest.tried[2]["trainer"]["policy"][name], rtol=0, atol=0)
 
 
 def test_further_policies_end(make_fitted, monkeypatch):
@@ -245,7 +245,7 @@ def test_where_a_trial_is_all_of_it_the_best_policy_counts(make_loop):
     scores = [loop.update().get("score") for _ in range(8)]
     assert [score is not None for score in scores] == 2 * [False, False, False, True]
     assert loop.round == 1
-    chosen = max(loop.tried, key=lambda one: one["score"])["trainer"]
+    chosen = max(loop.contest.tried, key=lambda one: one["score"])["trainer"]
     for name, value in loop.policy.state_dict().items():
         torch.testing.assert_close(value, chosen["policy"][name], rtol=0, atol=0)
 
@@ -256,7 +256,7 @@ def test_it_says_what_its_fit_is_worth_and_which_policy_was_kept(make_loop, tmp_
     TrainingRun(loop, tmp_path, {}).train(4)
     told = read_json(tmp_path / "train.json")["remarks"]
     assert (tmp_path / "fit" / "report.txt").read_text().split()[:6] == told["fit"].split()[:6]
-    earned = ", ".join(f"{one['score']:.4g}" for one in loop.tried)
+    earned = ", ".join(f"{one['score']:.4g}" for one in loop.contest.tried)
     assert told[""] == f"of 2 policies the best is kept; in the model they earn, at their ends, {earned}"
     again = make_loop(config=loop.config)
     again.restore(loop.state())
