@@ -66,13 +66,19 @@ def _first_fit(words: Sequence[str]) -> tuple[str, ComplementarityModel] | None:
 
 
 def build_models(
-    words: Sequence[str], source: Source, data: Transitions, threads: int, sliding: str | None = None
+    words: Sequence[str],
+    source: Source,
+    data: Transitions,
+    threads: int,
+    sliding: str | None = None,
+    driven: Callable[[Scene], Scene] | None = None,
 ) -> dict[str, Any]:
     """Name -> model, in the order of ``words``; the "ensemble" is still to be trained.
 
-    ``sliding``: of models that are not saved ones; None: that of the source. A fit takes the control steps of
-    ``data``. Raises UserError when the model of a folder or a file is of another robot, and where a net was trained for
-    another step.
+    ``sliding``: of models that are not saved ones; None: that of the source. ``driven``: a scene as the commands of the
+    log drive it, which the scene of ``source`` already is: a motor of a file that gets targets becomes a servo. A fit
+    takes the control steps of ``data``. Raises UserError when the model of a folder or a file is of another robot, and
+    where a net was trained for another step.
     """
     from cmbrl.models.baselines import Ballistic, HoldVelocity
     from cmbrl.models.ensemble import NeuralEnsemble
@@ -86,7 +92,7 @@ def build_models(
     }
     for word in words:
         if word not in make:
-            load = partial(_of_file, word, source, sliding) if is_file(word) else partial(_loaded, word, scene)
+            load = partial(_of_file, word, source, sliding, driven) if is_file(word) else partial(_loaded, word, scene)
             make[word] = partial(load, data, threads)
     return {label(word, words): make[word]() for word in words}
 
@@ -147,12 +153,23 @@ def is_file(word: str) -> bool:
     return Path(word).suffix.lower() in (".xml", ".mjcf", ".urdf")
 
 
-def _of_file(path: str, source: Source, sliding: str | None, data: Transitions, threads: int) -> Model:
+def _of_file(
+    path: str,
+    source: Source,
+    sliding: str | None,
+    driven: Callable[[Scene], Scene] | None,
+    data: Transitions,
+    threads: int,
+) -> Model:
     """The model of another MJCF of the same robot, not fitted, with the laws and the time stepping of ``source``."""
     scene = load_source(path, source.scene.ignore, source.scene.contact_law, source.scene.self_contact).scene
     have, need = ((s.nq, s.nv, s.nu) for s in (scene, source.scene))
     if have != need:
         raise UserError(f"{path}: another robot: nq, nv, nu are {have}, the log has {need}")
+    try:
+        scene = driven(scene) if driven is not None else scene
+    except UserError as error:
+        raise UserError(f"{path}: {error}") from None
     return replace(source, word=path, scene=scene).model(data, threads=threads, sliding=sliding)
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from cmbrl.accuracy.table import ErrorTable
     from cmbrl.data import Transitions
     from cmbrl.models.source import Source
+    from cmbrl.scene import Scene
 
 CONTACT_GAP = 2e-3  # [m]
 
@@ -102,9 +105,9 @@ def run(arguments: argparse.Namespace) -> None:
         if value is not None and not arguments.open_loop:
             raise UserError(f"{option} is for --open-loop: add it, or drop {option}")
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    source, data, time, logs, measured = _log(arguments, source)
+    source, data, time, logs, measured, driven = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)
-    models = build_models(words, source, data, arguments.threads or usable_cores(), arguments.sliding)
+    models = build_models(words, source, data, arguments.threads or usable_cores(), arguments.sliding, driven)
     from cmbrl.accuracy.compare import compare
     from cmbrl.accuracy.laws import laws_told
 
@@ -145,10 +148,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 def _log(
     arguments: argparse.Namespace, source: Source
-) -> tuple[Source, Transitions, np.ndarray, tuple[str, ...], np.ndarray]:
+) -> tuple[Source, Transitions, np.ndarray, tuple[str, ...], np.ndarray, Callable[[Scene], Scene]]:
     """The source with what commands drive, all logs as one, the time [s] after each row, what the logs are called.
 
-    And which coordinates (nv,) they measured.
+    And which coordinates (nv,) they measured, and what makes any scene of the robot one that their commands drive.
     """
     from cmbrl.data.position_log import PositionLog
     from cmbrl.data.several import named_logs, scene_of_logs, together
@@ -164,5 +167,6 @@ def _log(
         else:
             first = np.searchsorted(log.episode, log.episode) if len(log) else 0
             times.append(log.dt * (np.arange(len(log)) - first + 1))
-    source = replace(source, scene=scene_of_logs(logs, source.scene))
-    return source, together(named_logs(logs), source.scene), np.concatenate(times), tuple(logs), measured
+    driven = partial(scene_of_logs, logs)
+    source = replace(source, scene=driven(source.scene))
+    return source, together(named_logs(logs), source.scene), np.concatenate(times), tuple(logs), measured, driven

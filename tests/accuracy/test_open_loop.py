@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ import pytest
 
 import cmbrl
 from cmbrl.accuracy.open_loop import OpenLoop, simulate
+from cmbrl.cli import main
+from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
 from cmbrl.scene import Scene
 
@@ -84,3 +87,24 @@ def test_late_commands_go_on_over_a_new_start(tmp_path: Path) -> None:
     late = model.with_settings(observation={"delay.command": 0.02})
     table = simulate({"late": late}, log, model.scene, 0.01 * np.arange(1.0, 201.0), restart=0.25)
     assert np.abs(table.errors["late"]).max() < 1e-9
+
+
+def test_a_file_is_driven_as_the_log_drives_the_scene(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A log of targets over files with motors: each of them gets the servo that its gains ask for."""
+    monkeypatch.chdir(tmp_path)
+    for name, mass in (("rod", 1.0), ("same", 1.0), ("heavier", 1.5)):
+        (tmp_path / f"{name}.xml").write_text(ROD.format(end=-0.5, mass=mass))
+    time = 0.01 * np.arange(200.0)
+    log = PositionLog(
+        time=time, position=0.3 * np.sin(2.0 * time)[:, None], command=0.3 * np.sin(2.1 * time)[:, None],
+        joint_names=("j",), kp=np.array([20.0]), kd=np.array([1.0]),
+    )  # fmt: skip
+    log.save("log.npz")
+    words = ["error", "--data", "log.npz", "--scene", "rod.xml", "--open-loop", "--json"]
+    assert main([*words, "nominal", "same.xml", "heavier.xml"]) == 0
+    models = json.loads(capsys.readouterr().out)["models"]
+    error = {name: each["mean_absolute_position_error"] for name, each in models.items()}
+    assert error["same"] == pytest.approx(error["nominal"], rel=1e-9)
+    assert error["same"] < error["heavier"] < 0.2  # as torques, the targets would let it hang

@@ -33,3 +33,16 @@ def test_nothing_is_said_where_masses_scatter_or_gains_moved() -> None:
     assert unit_told(parameters(heavy[:3])) is None  # few: a payload
     assert unit_told(parameters(heavy, kp=25.0)) is None  # the prior sets the unit
     assert unit_told(parameters(heavy, status="flat")) is None  # not told by the log
+
+
+def test_nothing_is_said_where_links_together_weigh_what_the_file_says() -> None:
+    """A log tells the masses of calves; thighs, which it hardly tells, make up for them."""
+    light = parameters([0.7, 0.75, 0.6, 0.72])
+
+    def report(*times: float) -> dict[str, object]:
+        rows = [{"name": f"gravity's torque at j{k}", "value": 2.0 * x, "nominal": 2.0} for k, x in enumerate(times)]
+        return {"combinations": {"rows": [*rows, {"name": "inertia felt by j0", "value": 9.0, "nominal": 1.0}]}}
+
+    assert unit_told(light, report(1.06, 1.09, 0.8)) is None
+    assert "0.71 times" in (unit_told(light, report(0.72, 0.7, 0.8)) or "")
+    assert "0.71 times" in (unit_told(light, report()) or "")  # nothing is told together

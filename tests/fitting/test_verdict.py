@@ -54,6 +54,28 @@ def test_holding_is_no_rival_where_it_tells_nothing() -> None:
     assert warning([_row(100, (6.4, 5.0, 6.6), (86.0, 5.0, 35.0))]) is not None  # the file is a rival everywhere
 
 
+def test_a_file_that_tells_less_than_holding_is_no_rival() -> None:
+    """Of 1.6 s under torques, which nothing holds: file and fit are off by more than the states vary."""
+    assert warning([_row(1616, (1.78, 1.9, 2.26), (3.2, 3.1, 4.1))]) is None
+    assert warning([_row(1616, (2.0, 1.9, 2.26), (3.2, 3.1, 4.1))]) is not None  # the file tells more than holding
+    assert warning([_row(1616, (0.78, 0.9, 1.26), (3.2, 3.1, 4.1))]) is not None  # the file tells something
+    assert warning([_row(1616, (1.78, 1.9, 1e6), (3.2, 3.1, 4e6))]) is not None  # the fit explodes
+
+
+def test_a_fit_that_hardly_gains_over_holding_says_so() -> None:
+    """Of a log of torques that do not explain the motion, parameters that slow it down explain most."""
+    rows = [_row(1, (0.71, 43.0, 0.63), (1.9, 111.0, 1.3)), _row(20, (0.058, 1.3, 0.053), (1.9, 53.0, 1.3))]
+
+    def line(rows: list[dict]) -> str:
+        loss = {"held out, nominal": {"rmse": 224.0}, "held out, fitted": {"rmse": 7.5}}
+        told = {"stopped": None, "fitted": ["mass.a"], "horizon": 20, "loss": loss, "horizons": rows, "at_bound": []}
+        return first_line(told | {"data": {"transitions": 5000, "dt": 0.005}})
+
+    assert "at most 1.13 times better than holding the velocity" in line(rows)
+    assert "holding" not in line([*rows, _row(100, (0.26, 2.4, 0.1), (2.1, 24.0, 0.5))])  # half a second is explained
+    assert "holding" not in line([row | {"estimated": True} for row in rows])  # velocities are estimates
+
+
 def test_a_file_that_is_exact_is_no_rival() -> None:
     """What both leave is rounding, which a chaotic robot makes large in a second."""
     exact = [_row(1, (1.1, 2.6e-8, 2.7e-8), (6.0, 6e-15, 7e-15)), _row(20, (0.9, 4e-5, 5e-5), (9.0, 8e-9, 9e-9))]

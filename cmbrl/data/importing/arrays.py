@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ from cmbrl.data.npz import read_arrays
 from cmbrl.errors import UserError
 from cmbrl.text import shortened
 
+_REFUSED = re.compile(r"GLOBAL ([\w.]+)")  # in an error of torch, what it would have to run
+_STYLED = re.compile(r"\x1b\[[0-9;]*m")  # as torch makes letters bold
 EPISODE = re.compile(r"(episode|demo|traj|trajectory)_?(\d+)")
 
 
@@ -52,15 +55,20 @@ def _of_named(where: str, arrays: Mapping[str, Any], joints: tuple[str, ...]) ->
 
 
 def read_pt(path: Path, joints: tuple[str, ...]) -> list[Recording]:
-    """PACE's dictionary of tensors ``time``, ``dof_pos``, ``des_dof_pos``; pickled code is refused, never run."""
+    """PACE's dictionary of tensors ``time``, ``dof_pos``, ``des_dof_pos``, or of arrays of numpy.
+
+    Pickled code is refused, never run.
+    """
     import torch
 
     try:
-        held = torch.load(path, map_location="cpu", weights_only=True)
+        with _arrays_allowed():
+            held = torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many kinds on a damaged file, and on one that would run code
+        named = _REFUSED.search(str(error))
+        why = f"it holds {named.group(1)}" if named else shortened(_STYLED.sub("", str(error)), 160)
         raise UserError(
-            f"{path}: not readable as tensors without running code ({shortened(str(error), 160)}); save a dict of "
-            "tensors"
+            f"{path}: not readable as tensors without running code ({why}); save a dict of tensors"
         ) from None
     if not isinstance(held, dict):
         raise UserError(f"{path}: holds a {type(held).__name__}; save a dict of tensors time, dof_pos, des_dof_pos")
@@ -70,9 +78,24 @@ def read_pt(path: Path, joints: tuple[str, ...]) -> list[Recording]:
             arrays[str(name)] = value.detach().to(torch.float64).numpy()
         elif isinstance(value, list) and value and all(isinstance(one, str) for one in value):
             arrays[str(name)] = np.asarray(value, dtype=np.str_)
-        elif isinstance(value, int | float):
+        elif isinstance(value, int | float | np.number):
             arrays[str(name)] = np.asarray(float(value))
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "biufU":
+            arrays[str(name)] = value if value.dtype.kind == "U" else value.astype(np.float64)
     return [_of_named(str(path), arrays, joints)]
+
+
+def _arrays_allowed() -> AbstractContextManager[None]:
+    """While it holds, torch rebuilds arrays of numpy, whose numbers run no code; torch before 2.5 cannot."""
+    import torch
+
+    allow = getattr(torch.serialization, "safe_globals", None)
+    if allow is None:
+        return nullcontext()
+    rebuilt = np.empty(0).__reduce__()[0], np.float64(0.0).__reduce__()[0]  # how pickles make arrays and scalars
+    kinds = {type(np.dtype(code)) for code in "?bhilqBHILQefdU"}
+    own: AbstractContextManager[None] = allow([*rebuilt, np.ndarray, np.dtype, *kinds])
+    return own
 
 
 def read_hdf5(path: Path, joints: tuple[str, ...]) -> list[Recording]:

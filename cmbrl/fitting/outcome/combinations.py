@@ -17,6 +17,7 @@ from cmbrl.fitting.search.space import Space
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene.records import JointKind
 
+WEIGHT = "gravity's"  #: how names of what gravity does at a joint begin
 _BODIES = ("mass", "com_x", "com_y", "com_z", "inertia", "inertia_tilt")  # groups
 _STEP = 1e-4  # of z, of the differences
 _TOLD = 0.5  # of the prior's standard deviation: more is not told by the log
@@ -119,7 +120,7 @@ def _felt(model: ComplementarityModel, space: Space, pose: np.ndarray) -> tuple[
 
     told = [scene.coordinate_names[d] for d in places]
     hinges = [joint.kind == JointKind.HINGE for joint in joints]
-    names = [f"gravity's {'torque' if h else 'force'} at {name}" for h, name in zip(hinges, told, strict=True)]
+    names = [f"{WEIGHT} {'torque' if h else 'force'} at {name}" for h, name in zip(hinges, told, strict=True)]
     names += [f"inertia felt by {name}" for name in told]
     units = [("N m" if h else "N") for h in hinges] + [("kg m^2" if h else "kg") for h in hinges]
     return names, units, felt

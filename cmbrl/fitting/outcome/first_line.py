@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from cmbrl.fitting.choice.judging import RETURN
-from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, remark, start_of, warning
+from cmbrl.fitting.outcome.verdict import EXACT, hurried, lost, no_rival, remark, start_of, warning
 from cmbrl.scene.info.columns import counted
 
 _ALIKE = 1.01  # times the error of the fit
 _DIVERGED = 1e6  # times what the states vary by
 _OF_CHANGE, _OF_STATES = " deviations of the change", " deviations of the states"  # units of the loss, of cmbrl error
 _FAR_BELOW = 10.0  # times: an error so much smaller is good news, which comes first
+_HARDLY = 0.8  # of the error of holding the velocity: commands explain little of what such a fit predicts
 _FEW = 40  # transitions, with which hardly anything can be held out
 
 
@@ -47,7 +48,8 @@ def first_line(report: Mapping[str, Any]) -> str:
     if before <= EXACT or (before < _ALIKE * after and not _better_far(report)):
         return f"{early}The fit predicts unseen seconds about as well as {start} ({told})."
     better = f"The fit predicts unseen seconds {_times(before, after)} times better than {start}"
-    told = f"{better} ({short}){_times_far(report, errors.far)}{_doubts(report)}.{_reach(report)}{remark(rows, start)}"
+    told = f"{better} ({short}){_times_far(report, errors.far)}{_doubts(report)}.{_hardly(rows)}"
+    told += f"{_reach(report)}{remark(rows, start)}"
     return f"{_apart(report)}{told} {stopped}".rstrip() if before >= _FAR_BELOW * after else f"{early}{told}"
 
 
@@ -86,6 +88,18 @@ def _doubts(report: Mapping[str, Any]) -> str:
     if (count := report["data"]["transitions"]) < _FEW:
         doubt += f"; {count} transition{'s' * (count > 1)} tell little: record more"
     return doubt
+
+
+def _hardly(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A sentence where a fit gains little over holding the velocity at all horizons that tell it; or none."""
+    errors = [(row["rmse"]["hold"], row["rmse"]["fitted"]) for row in rows if not no_rival(row)]
+    if not errors or any(fitted < _HARDLY * hold for hold, fitted in errors):
+        return ""
+    most = max(hold / max(fitted, EXACT) for hold, fitted in errors)
+    return (
+        f" It is at most {max(most, 1.0):.3g} times better than holding the velocity: what the commands do is hardly "
+        "explained, and its parameters may be far off."
+    )
 
 
 def _apart(report: Mapping[str, Any]) -> str:

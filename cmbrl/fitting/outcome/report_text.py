@@ -49,7 +49,7 @@ def render(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any],
         play_told(parameters),
         shown_told(report),
         finer_told(report),
-        unit_told(parameters),
+        unit_told(parameters, report),
     ]
     first = [line for text in told if text for line in textwrap.wrap(text, WIDTH, subsequent_indent="  ")]
     lines = [*first, *_errors(report), *_selection(report), *table(parameters, report, whole)]

@@ -7,18 +7,25 @@ the unit, and a servo that pushes less than its gain says shows as links that ar
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from cmbrl.fitting.fitted_parameter import FittedParameter
+from cmbrl.fitting.outcome.combinations import WEIGHT
 
 _GAINS = ("kp", "gear")  # groups
 _LINKS, _SHARE = 4, 0.9  # at least so many, and so many of them to one side
 _CLEARLY = 1.2  # times the file's, or less than its inverse
+_OF_IT = 0.5  # of that factor, by its logarithm, at least, is what links weigh together off
 
 
-def unit_told(parameters: Mapping[str, FittedParameter]) -> str | None:
-    """One line where gains are held and nearly all fitted masses lie clearly to one side of the file's; else None."""
+def unit_told(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any] | None = None) -> str | None:
+    """One line where gains are held and nearly all fitted masses lie clearly to one side of the file's; else None.
+
+    None as well where the ``report`` tells what links weigh together at joints, and that is not as far off: single
+    masses that the log tells may be those of one kind of link, for which others make up.
+    """
     groups: dict[str, list[FittedParameter]] = {}
     for name, p in parameters.items():
         groups.setdefault(name.split(".")[0], []).append(p)
@@ -28,6 +35,10 @@ def unit_told(parameters: Mapping[str, FittedParameter]) -> str | None:
         return None
     usual, heavier = float(np.median(factors)), float(np.mean(factors > 1.0))
     if max(heavier, 1.0 - heavier) < _SHARE or max(usual, 1.0 / usual) < _CLEARLY:
+        return None
+    sums = ((report or {}).get("combinations") or {}).get("rows", ())
+    weights = [np.log(row["value"] / row["nominal"]) for row in sums if row["name"].startswith(WEIGHT)]
+    if weights and float(np.median(weights)) / np.log(usual) < _OF_IT:
         return None
     other = "smaller" if usual > 1.0 else "larger"
     return (

@@ -26,6 +26,7 @@ FILE = "the file"  #: what a fit begins at, and is compared with
 _HURRIED, _MOVING = 0.75, ("choice", "polish")  # share of their work, of the parts that move parameters
 _LOST = 1e300  # JSON has no infinity
 _WORSE, _SLIGHTLY = 1.01, 1.2  # times the error of another model
+_EXPLODED = 10.0  # times the file's error, where that tells nothing either
 EXACT = 1e-6  #: an RMSE of one step that the solver leaves: nothing is to be gained
 _NOISY = 2.0  # times the square of noise: at least half of an error's square is noise
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
@@ -122,8 +123,9 @@ def warning(rows: Sequence[Mapping[str, Any]], start: str = FILE) -> str | None:
     Holding the velocity is no rival where velocities are estimates, and over horizons where it is off by more than the
     states vary: there, in two seconds of a robot that falls, neither tells anything. Nor is it where it errs by the
     sensors' noise more than by motion, as over one short step: what the noise of a start does to a stiff contact is no
-    fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it. What it loses
-    over short horizons alone, hardly and by one measure, ``remark`` tells.
+    fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it; nor where the
+    file is off by more than the states vary and than holding is, unless the fit explodes. What it loses over short
+    horizons alone, hardly and by one measure, ``remark`` tells.
     """
     parts = [f"{name} over {where}" for name, where, slightly in _lost_to(rows, start) if not slightly]
     return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
@@ -174,9 +176,15 @@ def lost(row: Mapping[str, Any], model: str = "fitted") -> bool:
     return row["steps"] > 1 and row["rmse"][model] >= 1.0
 
 
-def _no_rival(row: Mapping[str, Any]) -> bool:
+def no_rival(row: Mapping[str, Any]) -> bool:
     """Whether holding the velocity over the horizon of ``row`` tells nothing of motion."""
     return row.get("estimated", False) or lost(row, "hold") or _of_noise(row, "hold")
+
+
+def _as_lost(row: Mapping[str, Any]) -> bool:
+    """Whether the file tells nothing over the horizon of ``row``, less than holding does; the fit by about as much."""
+    hold, nominal, fitted = (row["rmse"][name] for name in MODELS)
+    return lost(row, "nominal") and hold <= nominal and fitted < _EXPLODED * nominal
 
 
 def _of_noise(row: Mapping[str, Any], model: str) -> bool:
@@ -191,7 +199,7 @@ def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
             str(row["steps"])
             for row in rows
             if row[measure]["fitted"] > _WORSE * row[measure][other]
-            and not (_no_rival(row) if other == "hold" else _of_noise(row, other))
+            and not (no_rival(row) if other == "hold" else _of_noise(row, other) or _as_lost(row))
         ]
         for measure, words in MEASURES.items()
     }
