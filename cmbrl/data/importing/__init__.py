@@ -83,7 +83,7 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
             "--gap"
         )
     episodes, by_feet = whereabouts.by_feet(episodes, dt, scene, options.kind)
-    captured = bool(poses or slower)
+    captured = bool(poses or slower) and build.one_base(scene)  # of several bodies, transitions hold all
     if (captured and options.kind != "transitions") or options.markers is not None:
         episodes, moved = whereabouts.of_markers(episodes, dt, scene, options.markers)
         columns += moved
@@ -178,7 +178,7 @@ def _series(
                 episodes[k], note = base.synchronised(
                     episodes[k], capture, scene, options.base_offset, frame, pose.where
                 )
-                clocks.append(note)
+                clocks += [note] if note not in clocks else []
         for k, one in enumerate([] if pose else episodes):
             between, note = base.at_joints(one, scene, recording.where)
             episodes[k] = one | between

@@ -7,18 +7,15 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
-from cmbrl.data.importing import base_clock, standing_clock
+from cmbrl.data.importing import capture_clock
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, QUATERNION, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Key, Series
-from cmbrl.data.importing.velocities import check_frame
 from cmbrl.data.smoothing import smooth, smooth_rotations
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.manifold import rotate_by, rotation_between
 
 ORDERS = ("wxyz", "xyzw")
-_JOINTS = "joints"  # what told the offset of the clocks
-_CLEARLY = 3.0  # times its error: an offset that is one
 SLOWER = 1.2  # times the joints' time step: from there on the pose is smoothed before it is read in between
 _ARRAY = re.compile(r"(?P<name>.*)\[(?P<number>\d)\]")
 _TURNS, _PLACES = ("quat", "orient", "rotation"), ("pos", "translation", "xyz")
@@ -77,71 +74,59 @@ def _only_pose(columns: Iterable[str], given: Mapping[str, str]) -> dict[str, st
 def synchronised(
     robot: Found, capture: Found, scene: Scene, offset: float | None, frame: str | None, where: str
 ) -> tuple[Found, str]:
-    """All series of both on the robot's clock, with the pose at the joints' samples, and what was done.
+    """All series of both on the robot's clock, with the poses at the joints' samples, and what was done.
 
     ``offset`` [s]: how much later the capture's clock is; None: found in the motion. ``frame``: of a gyroscope among
-    the robot's series. Raises UserError if the motion does not tell the offset, or a gyroscope is in another frame.
+    the robot's series. Of several bodies, all poses are those of one clock. Raises UserError if a pose is not whole,
+    the motion does not tell the offset, or a gyroscope is in another frame.
     """
-    base = _only_base(scene)
-    keys = [*((base.name, name) for name in PLACE), (base.name, QUATERNION)]
-    if missing := [key for key in keys if key not in capture]:
-        raise UserError(
-            f"{where}: no column for {base.name}.{missing[0][1]}: map one by --map COLUMN=base.{missing[0][1]}"
-        )
-    time = capture[base.name, QUATERNION].time
-    places = np.column_stack([np.interp(time, capture[key].time, capture[key].values[:, 0]) for key in keys[:3]])
-    poses = np.hstack([places, capture[base.name, QUATERNION].values])
+    courses = {body: _course(body, capture) for body in _captured(capture, scene, where)}
     note = f"clock of the base: {offset:g} s later, as told" if offset is not None else ""
-    gyro = _gyroscope(robot, base)
     if offset is None:
-        told = base_clock.offset(*_compared(time, poses, robot, gyro, frame, scene), where)
-        witness = _witness(gyro, frame)
-        closer = standing_clock.refined(robot, time, poses, base, scene, told) if witness == _JOINTS else None
-        if closer is not None:
-            told, witness = closer, "what stands on the floor"
-        if not told.sure:
-            raise UserError(
-                f"{where}: parts of the motion tell offsets {told.error:.2g} s apart: {base_clock.REMEDY}, or record "
-                "more motion"
-            )
-        offset = told.seconds
-        note = f"clock of the base: {offset:.4f} s later (+- {told.error:.2g} s), by base and {witness}"
-    time = time - offset
-    if gyro is not None:
-        _check_gyroscope(base, gyro, time, poses, frame)
+        offset, note = capture_clock.told_offset(courses, robot, scene, frame, where)
     moved = {key: Series(one.time - offset, one.values, one.kind) for key, one in capture.items()}
-    between, how = _at_joints(robot, time, poses, base, where)
-    return {**robot, **moved, **between}, "; ".join(filter(None, [note, how]))
+    found, notes = {**robot, **moved}, [note]
+    for body, (late, poses) in courses.items():
+        time, gyro = late - offset, capture_clock.gyroscope(robot, body)
+        if gyro is not None:
+            capture_clock.check_gyroscope(body, gyro, time, poses, frame)
+        between, how = _at_joints(robot, time, poses, body, where)
+        found |= between
+        notes += [how] if how and how not in notes else []
+    return found, "; ".join(notes)
 
 
 def at_joints(robot: Found, scene: Scene, where: str) -> tuple[Found, str]:
-    """The pose of the base in ``robot``, on the same clock, at the joints' samples where it is slower; what was done.
+    """The poses of floating bodies in ``robot``, on the same clock, at the joints' samples where they are slower; what
+    was done.
 
-    Nothing where it is as fast, or not there.
+    Nothing where they are as fast, or not there.
     """
-    floating = [joint for joint in joints_of(scene)[1] if joint.free]
-    keys = [(base.name, name) for base in floating[:1] for name in (*PLACE, QUATERNION)]
-    if len(floating) != 1 or any(key not in robot for key in keys):
-        return {}, ""
-    time = robot[keys[3]].time
-    places = np.column_stack([np.interp(time, robot[key].time, robot[key].values[:, 0]) for key in keys[:3]])
-    poses = np.hstack([places, robot[keys[3]].values])
-    between, told = _at_joints(robot, time, poses, floating[0], where)
-    return between, told + _late(time, poses, robot, scene, where) if told else ""
+    bodies = [joint for joint in joints_of(scene)[1] if joint.free]
+    found: Found = {}
+    notes: list[str] = []
+    for body in bodies:
+        if any(key not in robot for key in _keys(body)):
+            continue
+        time, poses = _course(body, robot)
+        between, told = _at_joints(robot, time, poses, body, where)
+        found |= between
+        if told:
+            told += capture_clock.late(time, poses, robot, scene, where) if len(bodies) == 1 else ""
+            notes += [told] if told not in notes else []
+    return found, "; ".join(notes)
 
 
-def _late(time: np.ndarray, poses: np.ndarray, robot: Found, scene: Scene, where: str) -> str:
-    """What to do about stamps of one clock that are those of arrival, where the motion clearly says so."""
-    try:
-        found = base_clock.offset(*_compared(time, poses, robot, None, None, scene), where)
-    except UserError:  # the motion does not tell
-        return ""
-    if not found.sure or not abs(found.seconds) > max(_CLEARLY * found.error, float(np.median(np.diff(time)))):
-        return ""
-    return (
-        f"; their stamps are {found.seconds:.4f} s (+- {found.error:.2g} s) later than the joints', by base and "
-        "joints: give the file by --base as well to take that out"
-    )
+def _keys(body: Floating) -> list[Key]:
+    return [(body.name, name) for name in (*PLACE, QUATERNION)]
+
+
+def _course(body: Floating, series: Found) -> tuple[np.ndarray, np.ndarray]:
+    """Times (T,) [s] and poses (T, 7) of a body."""
+    keys = _keys(body)
+    time = series[keys[3]].time
+    places = np.column_stack([np.interp(time, series[key].time, series[key].values[:, 0]) for key in keys[:3]])
+    return time, np.hstack([places, series[keys[3]].values])
 
 
 def _at_joints(robot: Found, time: np.ndarray, poses: np.ndarray, base: Floating, where: str) -> tuple[Found, str]:
@@ -152,53 +137,18 @@ def _at_joints(robot: Found, time: np.ndarray, poses: np.ndarray, base: Floating
     return _between(time, poses, masters[0].time, base, where), told
 
 
-def _only_base(scene: Scene) -> Floating:
-    floating = [joint for joint in joints_of(scene)[1] if joint.free]
-    if len(floating) != 1:
-        raise UserError(f"scene {scene.name!r} has {len(floating)} free joints; the pose of a base is for one")
-    return floating[0]
-
-
-def _gyroscope(robot: Found, base: Floating) -> Series | None:
-    keys = [(base.name, name) for name in ANGULAR]
-    if any(key not in robot for key in keys):
-        return None
-    first = robot[keys[0]]
-    values = np.column_stack([np.interp(first.time, robot[key].time, robot[key].values[:, 0]) for key in keys])
-    return Series(first.time, values)
-
-
-def _witness(gyro: Series | None, frame: str | None) -> str:
-    return "gyroscope" if gyro is not None and frame == "body" else _JOINTS
-
-
-def _compared(
-    time: np.ndarray, poses: np.ndarray, robot: Found, gyro: Series | None, frame: str | None, scene: Scene
-) -> tuple[base_clock.Course, base_clock.Course, base_clock.Course]:
-    """The motion of the base and what tells of it on the robot's clock, roughly and closely."""
-    motion = base_clock.twist(time, poses)
-    if gyro is not None and frame == "body":
-        told = base_clock.Course(gyro.time, gyro.values)
-        return base_clock.Course(time, motion.values[:, 3:]), told, told
-    keys = [(joint.name, "position") for joint in joints_of(scene)[0]]
-    singles = [robot[key] for key in keys if key in robot]  # others follow by ties and loops
-    if not singles:
-        raise UserError(
-            "nothing but the base moves, so the offset of the clocks is open: log a gyroscope (base.wx to base.wz) and "
-            "give --angular-velocity body, or give --base-offset SECONDS (0 if both have one clock)"
-        )
-    first = singles[0].time
-    positions = np.column_stack([np.interp(first, one.time, one.values[:, 0]) for one in singles])
-    return motion, *base_clock.rates(first, positions)
-
-
-def _check_gyroscope(base: Floating, gyro: Series, time: np.ndarray, poses: np.ndarray, frame: str | None) -> None:
-    """Raises UserError unless the frame is told, and fits the rotation of the capture."""
-    rows = (gyro.time >= time[0]) & (gyro.time <= time[-1])
-    at = gyro.time[rows]
-    told = base_clock.Course(time, base_clock.twist(time, poses).values[:, 3:]).at(at)
-    near = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
-    check_frame(base.name, "angular", frame, gyro.values[rows], told, poses[near, 3:])
+def _captured(capture: Found, scene: Scene, where: str) -> list[Floating]:
+    """The floating bodies whose poses are in ``capture``; raises UserError where there is none, or a part is not."""
+    free = [joint for joint in joints_of(scene)[1] if joint.free]
+    if not free:
+        raise UserError(f"scene {scene.name!r} has 0 free joints; the pose of a base is for one")
+    bodies = [body for body in free if any(key in capture for key in _keys(body))] or free[:1]
+    for body in bodies:
+        if missing := [key for key in _keys(body) if key not in capture]:
+            name = "base" if len(free) == 1 else body.name
+            part = missing[0][1]
+            raise UserError(f"{where}: no column for {body.name}.{part}: map one by --map COLUMN={name}.{part}")
+    return bodies
 
 
 def _between(time: np.ndarray, poses: np.ndarray, wanted: np.ndarray, base: Floating, where: str) -> Found:

@@ -29,7 +29,9 @@ _REST = 0.1  # share of the motion that rest counts as, where all of a recording
 _OVERLAP = 0.5  # of the capture, at least
 _LONGER = 100.0  # times the shorter recording: no two of one run
 _TOLD = 0.15  # share of the motion that the best offset explains beyond a typical one
-REMEDY = "give it by --base-offset SECONDS"
+_HALF = 0.5  # share of the motion: an offset that leaves more has to be better than all others
+_CLEARER = 0.9  # times what any other offset leaves
+REMEDY = "give it by --base-offset SECONDS (0 if both have one clock)"
 SAME = 2.0  # steps of the capture: a larger error means that the parts disagree
 
 
@@ -80,7 +82,9 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     """How much later the clock of ``base`` is; ``robot`` and ``closer`` are joints (see ``rates``), or a gyroscope.
 
     Offsets of up to ``most`` [s] from that at which both recordings begin together, and up to half the shorter one.
-    It is not sure where parts of the motion disagree. Raises UserError if the motion does not tell.
+    It is not sure where parts of the motion disagree. Raises UserError if the motion does not tell: nothing moves
+    together, or most of the motion has other causes and another offset explains nearly as much of the rest, as of an
+    object that is pushed now and then.
     """
     step = float(np.median(np.diff(base.time)))
     lasting = np.ptp(base.time), np.ptp(robot.time)
@@ -98,6 +102,12 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     typical = float(np.nanmedian(left))
     if not np.nanmin(left) < typical - _TOLD:
         raise UserError(f"{where}: base and joints hardly move together, so the offset of the clocks is open: {REMEDY}")
+    least, other = float(np.nanmin(left)), _elsewhere(left, typical)
+    if least > _HALF and least > _CLEARER * other:
+        raise UserError(
+            f"{where}: joints explain {1 - least:.0%} of how the body moves where its clock is {best:.3g} s later, and "
+            f"{1 - other:.0%} at another offset, so neither is told: {REMEDY}"
+        )
     parts = _parts(base)
     if _ROWS * closer.values.shape[1] < min(len(part.time) for part in parts):
         robot = closer
@@ -106,6 +116,15 @@ def offset(base: Course, robot: Course, closer: Course, where: str, most: float 
     told = [lowest(near, np.array([_unexplained(part, robot, shift) for shift in near])) for part in parts]
     error = float(np.std(told, ddof=1) / np.sqrt(PARTS))
     return Offset(together, error, error <= SAME * step)
+
+
+def _elsewhere(left: np.ndarray, typical: float) -> float:
+    """The lowest of a curve outside of the valley around its lowest point, whose sides rise halfway to ``typical``."""
+    k = int(np.nanargmin(left))
+    high = np.flatnonzero(~(left < 0.5 * (left[k] + typical)))
+    first, last = high[high < k].max(initial=-1), high[high > k].min(initial=len(left))
+    others = np.concatenate([left[: first + 1], left[last:]])
+    return float(np.nanmin(others, initial=np.inf))
 
 
 def _parts(base: Course) -> list[Course]:
