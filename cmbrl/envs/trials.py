@@ -143,24 +143,25 @@ def foretold(shares: Mapping[str, float], fitted: bool = True) -> str:
 def unlearned(earned: Mapping[str, float]) -> str:
     """What mean returns in the model of the "policy", and of "no action", say; empty where the policy earns far more.
 
-    A machine that hangs or stands where it began earns a little more than no action, as noise on its start is calmed.
+    A machine that hangs or stands where it began earns a little more or less than no action.
 
     >>> unlearned({"policy": -53.1, "no action": -41.0})[:79]
     'it earns -53.1 in the model, and no action at all -41: it has learned nothing, '
-    >>> unlearned({"policy": -598.0, "no action": -600.5})[:83]
-    'it earns -598 in the model, and no action at all -600.5, hardly less: unless to res'
+    >>> unlearned({"policy": -598.0, "no action": -600.5})[:95]
+    'it earns -598 in the model, and no action at all -600.5: unless to rest is the task, it has lea'
     """
     if not earned or earned["policy"] - earned["no action"] > HARDLY * abs(earned["no action"]):
         return ""
     both = f"it earns {earned['policy']:.4g} in the model, and no action at all {earned['no action']:.4g}"
-    if earned["policy"] > earned["no action"]:
+    nothing = "it has learned nothing, train longer (--iterations)"
+    if earned["no action"] - earned["policy"] <= HARDLY * abs(earned["no action"]):
         return (
-            f"{both}, hardly less: unless to rest is the task, it has not left its start; give it a reward that grows "
-            "on the way, starts on the way (MDP.reset), more noise on actions (--set log_std_start=0) or another --seed"
+            f"{both}: unless to rest is the task, {nothing}; a machine that stays at its start needs a reward that "
+            "grows all the way from there, by more than its actions cost"
         )
     return (
-        f"{both}: it has learned nothing, train longer (--iterations) or with gentler actions (MDP.act); "
-        "--set saturation=0.1 helps where actions stick at their limits"
+        f"{both}: {nothing} or with gentler actions (MDP.act); --set saturation=0.1 helps where actions stick at their "
+        "limits"
     )
 
 

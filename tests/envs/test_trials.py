@@ -125,7 +125,9 @@ def test_a_policy_that_earns_no_more_than_no_action_is_told() -> None:
     assert "it has learned nothing, train longer" in unlearned({"policy": float(rests), "no action": float(idle)})
     assert unlearned({"policy": float(idle) + 1.0, "no action": float(idle)}) == ""
     assert unlearned({}) == ""
-    assert "it has not left its start" in unlearned({"policy": -590.0, "no action": -600.0})
+    for hardly in (-590.0, -610.0):
+        assert "a machine that stays at its start" in unlearned({"policy": hardly, "no action": -600.0})
+    assert "gentler actions" in unlearned({"policy": -650.0, "no action": -600.0})
     assert unlearned({"policy": -580.0, "no action": -600.0}) == ""
     assert unlearned({"policy": 0.5, "no action": 0.0}) == ""
 
