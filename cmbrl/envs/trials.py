@@ -38,7 +38,7 @@ LEANS = 0.3  #: under the draws or the other law: of 42 policies of hidden hoppe
 HARDLY = 0.02  #: share of what no action earns by which a policy earns hardly more
 _WORDS = {
     "late": "commands a step late",
-    "spread": f"parameters off by up to {100 * SPREAD:.0f} %",
+    "parameters": f"parameters off by up to {100 * SPREAD:.0f} %",
     "pushed": "pushes",
     "law": "the other law of sliding",
     "mujoco": "MuJoCo's step of the file",
@@ -50,8 +50,9 @@ _SLOW = 4  # times fewer episodes in the file's short steps
 def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> dict[str, Evaluation]:
     """Episodes in the model by trial, all under the model's draws.
 
-    They are "draws", "late", "spread" if the model has no draws, "pushed" if it has a base, "law", under the other law
-    of sliding, if it has one, and "mujoco", a quarter as many, in MuJoCo's own step of the file, where that is another.
+    They are "draws", "late", "parameters" if the model has no draws, "pushed" if it has a base, "law", under the other
+    law of sliding, if it has one, and "mujoco", a quarter as many, in MuJoCo's own step of the file, where that is
+    another.
     """
     harder: dict[str, Model] = {"draws": model, "late": Disturbed(model, late=LATE, seed=seed)}
     inner = model.model if isinstance(model, Wraps) else model
@@ -63,12 +64,12 @@ def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed
         harder["law"] = other
     if isinstance(inner, ComplementarityModel) and (theirs := inner.in_steps_of_file()) is not None:
         harder["mujoco"] = theirs
-    parameters = dict.fromkeys(harder, Disturbance(parameters=parameter_sets(model, 0.0, seed=seed)))
+    tables = dict.fromkeys(harder, Disturbance(parameters=parameter_sets(model, 0.0, seed=seed)))
     if isinstance(inner, ComplementarityModel) and inner.candidates is None:
-        harder["spread"] = model
-        parameters["spread"] = Disturbance(parameters=parameter_sets(model, SPREAD, seed=seed))
+        harder["parameters"] = model
+        tables["parameters"] = Disturbance(parameters=parameter_sets(model, SPREAD, seed=seed))
     count = {name: -(-episodes // _SLOW) if name == "mujoco" else episodes for name in harder}
-    return {name: evaluate_model(policy, mdp, one, count[name], seed, parameters[name]) for name, one in harder.items()}
+    return {name: evaluate_model(policy, mdp, one, count[name], seed, tables[name]) for name, one in harder.items()}
 
 
 def of_draws(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> Evaluation:
@@ -134,7 +135,7 @@ def foretold(shares: Mapping[str, float], fitted: bool = True) -> str:
     if shares.get("mujoco", 0.0) >= LEANS:
         remedy = "train with --set other=file, from another --seed, or on a task of more substeps"
         return f"{told}: it leans on how the model steps through contacts and may fail in the robot, {remedy}"
-    if not fitted and max(shares.get("late", 0.0), shares.get("spread", 0.0)) >= LEANS:
+    if not fitted and max(shares.get("late", 0.0), shares.get("parameters", 0.0)) >= LEANS:
         remedy = "fit a log of the robot (cmbrl record, cmbrl fit) and train on that (--model FIT)"
         return f"{told}: it may fail in a robot that is not quite its file, {remedy}"
     return told

@@ -76,10 +76,10 @@ def test_the_hopper_is_pushed_along_its_track() -> None:
 def test_trials_of_a_policy_that_stops_and_of_one_that_runs_away(tmp_path: Path) -> None:
     model, mdp = cmbrl.ComplementarityModel(slider.scene(tmp_path)), slider.mdp(40)
     stops = trials(lambda o: (-2 * o[:, :1] - 2 * o[:, 1:]).clamp(-1, 1), mdp, model, 8)
-    assert set(stops) == {"draws", "late", "spread"}  # the motor drives the only coordinate
+    assert set(stops) == {"draws", "late", "parameters"}  # the motor drives the only coordinate
     assert not will_fail(failed(stops))
     runs_away = failed(trials(lambda o: torch.ones(len(o), 1), mdp, model, 8))
-    assert runs_away == {"draws": 1.0, "late": 1.0, "spread": 1.0}
+    assert runs_away == {"draws": 1.0, "late": 1.0, "parameters": 1.0}
     assert "will probably fail" in foretold(runs_away)
 
 
@@ -87,18 +87,18 @@ def test_a_file_may_be_off_and_the_draws_of_a_fit_tell_by_how_much(tmp_path: Pat
     """A block that a motor pushes is as heavy as the file says, or up to 20 % lighter or heavier."""
     model, mdp = cmbrl.ComplementarityModel(slider.scene(tmp_path)), slider.mdp(40)
     found = trials(lambda o: torch.full((len(o), 1), 0.1), mdp, model, 8)
-    assert not np.array_equal(found["spread"].returns, found["draws"].returns)
+    assert not np.array_equal(found["parameters"].returns, found["draws"].returns)
     drawn = model.with_settings(candidates=model.parameters[None])
-    assert "spread" not in trials(lambda o: torch.zeros(len(o), 1), mdp, drawn, 8)
+    assert "parameters" not in trials(lambda o: torch.zeros(len(o), 1), mdp, drawn, 8)
 
 
 def test_a_policy_of_a_file_that_stands_little_is_asked_for_a_log() -> None:
-    for name in ("late", "spread"):
+    for name in ("late", "parameters"):
         shares = {"draws": 0.0, name: 0.4}
         assert "may fail in a robot that is not quite its file, fit a log" in foretold(shares, fitted=False)
         assert "fit a log" not in foretold(shares)
         assert "fit a log" not in foretold({"draws": 0.0, name: 0.2}, fitted=False)
-    assert foretold({"draws": 0.0, "late": 0.1, "spread": 0.2}, fitted=False).endswith(
+    assert foretold({"draws": 0.0, "late": 0.1, "parameters": 0.2}, fitted=False).endswith(
         "10 % with commands a step late, 20 % with parameters off by up to 20 %"
     )
 
