@@ -43,6 +43,7 @@ _WORDS = {
     "law": "the other law of sliding",
     "mujoco": "MuJoCo's step of the file",
 }
+_MORE = "from another --seed, or with a second round that acts by the policy (--set rounds=2)"  # of a loop
 EPISODES = 64  #: of each trial
 _SLOW = 4  # times fewer episodes in the file's short steps
 
@@ -109,8 +110,10 @@ def stands(shares: Mapping[str, float]) -> bool:
     return max(shares.get(name, 0.0) for name in LAWS) < LEANS
 
 
-def foretold(shares: Mapping[str, float], fitted: bool = True) -> str:
+def foretold(shares: Mapping[str, float], fitted: bool = True, loop: bool = False) -> str:
     """What shares of failed trials say of a policy that was trained on a fit, or else on the file itself.
+
+    ``loop``: it made that fit itself, from a log of its own, and takes no policy to begin with.
 
     >>> foretold({"draws": 0.0, "late": 0.25, "pushed": 0.125})
     'in the model alone 0 % of episodes fail; 25 % with commands a step late, 12 % with pushes'
@@ -118,16 +121,15 @@ def foretold(shares: Mapping[str, float], fitted: bool = True) -> str:
     harder = [f"{100 * shares[name]:.0f} % with {words}" for name, words in _WORDS.items() if name in shares]
     told = f"in the model alone {100 * shares['draws']:.0f} % of episodes fail; {', '.join(harder)}"
     if will_fail(shares):
-        remedy = (
-            "train longer (--iterations) or from another --seed, begin with a policy of the file (--start), or fit "
-            "another log (cmbrl excite)"
-            if fitted
-            else "train longer (--iterations) or from another --seed"
-        )
+        remedy = "train longer (--iterations) or from another --seed"
+        if loop:
+            remedy = f"train longer (--iterations), {_MORE}"
+        elif fitted:
+            remedy += ", begin with a policy of the file (--start), or fit another log (cmbrl excite)"
         return f"{told}: it will probably fail in the robot, {remedy}"
     if shares["draws"] >= LEANS:
         start = ", or from a policy of the file (--start)" if fitted else ""
-        remedy = f"train longer, from another --seed{start}"
+        remedy = f"train longer, {_MORE}" if loop else f"train longer, from another --seed{start}"
         return f"{told}: it may fail in the robot, {remedy}"
     if shares.get("law", 0.0) >= LEANS:
         remedy = "train longer, from another --seed, or with --set other_law=0.5 if its share was less"

@@ -183,6 +183,16 @@ def test_of_a_policy_that_was_trained_on_the_file_no_fit_is_asked_for() -> None:
         assert "another log" not in told
 
 
+def test_a_loop_is_not_asked_for_what_it_does_not_take() -> None:
+    """It begins with policies of the file by itself, refuses --start, and records its own log."""
+    for share in (0.4, 1.0):
+        told = foretold({"draws": share, "late": 0.0}, loop=True)
+        assert "train longer" in told
+        assert "--set rounds=2" in told
+        assert "--start" not in told
+        assert "another log" not in told
+
+
 def test_a_task_whose_episodes_cost_less_the_sooner_they_end_is_told_so() -> None:
     mdp = slider.mdp()
     lengths = np.array([20, 60, 100, 100])
