@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.task_folder import open_folder
 
 if TYPE_CHECKING:
     import numpy as np
@@ -252,6 +253,7 @@ def _of_file(path: Path) -> Task:
     assert spec is not None  # of a name that ends with .py
     assert spec.loader is not None
     module = sys.modules[spec.name] = module_from_spec(spec)
+    open_folder(path.parent)
     try:
         spec.loader.exec_module(module)
     except UserError as error:

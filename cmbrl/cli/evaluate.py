@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 
 from cmbrl.cli.argument_types import assignment, positive
 from cmbrl.cli.options import MODEL_HELP, add_json, add_seed, add_smoothing, add_threads
+from cmbrl.cli.parser import WIDTH
 from cmbrl.errors import UserError
 from cmbrl.runs import usable_cores
 from cmbrl.text import parse_number, shortened
@@ -63,6 +65,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.envs.evaluation import evaluate_model, evaluate_real
     from cmbrl.envs.of_task import real_system
     from cmbrl.envs.perturbation import Perturbation, perturbed
+    from cmbrl.envs.promised import lacking
     from cmbrl.train.models import REAL, check_model, load_model
     from cmbrl.train.saved import Trained
 
@@ -90,14 +93,38 @@ def run(arguments: argparse.Namespace) -> None:
         found[where] = evaluate_real(policy, mdp, system, arguments.episodes, arguments.seed)
     if word is None and not (arguments.real or perturbation or simulator):
         word = trained.usual_model()
+    told = ""
     if word is not None:
         model = load_model(word, task, arguments.smoothing, arguments.threads or usable_cores())
         found[word] = evaluate_model(policy, mdp, model, arguments.episodes, arguments.seed)
+        if REAL in found:
+            idle = evaluate_model(
+                lambda o: o.new_zeros(len(o), mdp.actions), mdp, model, arguments.episodes, arguments.seed
+            )
+            told = _promise(lacking(found[REAL], found[word], idle), word, task.name)
     if arguments.json:
         places = {where: to_json(e, mdp) for where, e in found.items()}
-        print(json.dumps({"policy": arguments.policy, "task": task.name, "in": places}, indent=2))
+        print(json.dumps({"policy": arguments.policy, "task": task.name, "in": places, "advice": told}, indent=2))
     else:
         print(_table(found, mdp.failure))
+        if told:
+            print(textwrap.fill(f"{arguments.policy}: {told}", WIDTH, subsequent_indent="  ", break_on_hyphens=False))
+
+
+def _promise(lack: float, word: str, task: str) -> str:
+    """What to do where the real system lacks a share of what the model ``word`` promised; empty where it is little."""
+    from cmbrl.envs.promised import FAR
+    from cmbrl.train.models import NOMINAL
+
+    if lack <= FAR:
+        return ""
+    told = f"the real system earns {100 * lack:.0f} % less than {word} promises"
+    if word == NOMINAL:
+        return f"{told}, it is not as its file: fit a log of it (cmbrl record {task}, cmbrl fit), and train on the fit"
+    return (
+        f"{told}, which lacks something: record what the policy does (cmbrl export --torchscript, cmbrl record {task} "
+        f"--policy), see where {word} errs there (cmbrl error), and fit both logs"
+    )
 
 
 def _perturbation(given: Sequence[tuple[str, str]]) -> Perturbation:

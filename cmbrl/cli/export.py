@@ -29,6 +29,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     from cmbrl.train.export import export_onnx, export_torchscript
     from cmbrl.train.policy_file import load_policy
+    from cmbrl.train.run_texts import last_actions_text
 
     policy = load_policy(arguments.policy).policy
     if arguments.onnx:
@@ -37,6 +38,7 @@ def run(arguments: argparse.Namespace) -> None:
         export_torchscript(policy, arguments.torchscript)
     shape, told = policy.architecture, ""
     if shape.last_actions:
-        told = f", which end with the last {shape.last_actions} actions, the newest first (0 before an episode)"
+        order = ", the newest first" if shape.last_actions > 1 else ""
+        told = f", which end with the {last_actions_text(shape.last_actions)}{order} (0 before an episode)"
     for path in files:
         print(f"{path}: observations (batch, {shape.observations}){told}")

@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> None:
         from cmbrl.data.behaviour import load_policy
 
         behaviour = load_policy(arguments.policy)
+        task = recorded(task, behaviour)
     with counting(f"record {task.name}", total=arguments.steps) as progress:
         data = task.record(arguments.steps, arguments.seed, behaviour, progress, arguments.data)
     data.save(arguments.out)

@@ -192,15 +192,19 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(read_json(out / RESULT), indent=2))
     else:
-        _tell(out, trainer, outcome, setup.model != NOMINAL or setup.algorithm == "loop")
+        loop = setup.algorithm == "loop"
+        _tell(out, trainer, outcome, setup.model != NOMINAL or loop, loop)
     if outcome.stopped == INTERRUPTED:
         print(f"cmbrl: interrupted: the policy so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED
     return 0
 
 
-def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool) -> None:
-    """Prints how the training went and what its policy is worth; ``fitted``: whether it was trained on a fit."""
+def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: bool) -> None:
+    """Prints how the training went and what its policy is worth.
+
+    ``fitted``: whether it was trained on a fit; ``loop``: which it made itself.
+    """
     from cmbrl.envs.trials import foretold, unlearned
     from cmbrl.train.run_texts import commands_text, progress_text
 
@@ -219,7 +223,7 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool) -> None:
     if trainer.gradients:
         print(f"{out}: {trainer.gradients}")
     if outcome.failed_trials:
-        print(f"{out}: {foretold(outcome.failed_trials, fitted)}")
+        print(f"{out}: {foretold(outcome.failed_trials, fitted, loop)}")
     if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
         print(f"{out}: {told}")
     if stops := _early(getattr(trainer, "model", None)):

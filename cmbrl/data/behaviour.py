@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ Controller = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 def controller(behaviour: str | PolicyFunction, model: Any, rng: np.random.Generator) -> Controller:
-    """The controller of a ``mujoco.MjModel``: "random", "pd", or a policy."""
+    """The controller of a ``mujoco.MjModel``: "random", "pd", or a policy that observes none of its last actions."""
+    if last_actions_of(behaviour):
+        raise UserError("the policy observes its last actions, and this recorder tells none: use --set last_actions=0")
     low, high = _control_range(model)
     if callable(behaviour):
         return lambda observation, q, v: np.clip(_as_control(behaviour(observation), model.nu), low, high)
@@ -68,11 +71,37 @@ class PdNoise:
         return np.clip(share * np.maximum(np.abs(self._low), np.abs(self._high)), self._low, self._high)
 
 
-def load_policy(path: str | Path) -> PolicyFunction:
-    """A TorchScript policy: float32 observations (1, n_obs) to controls (1, nu), run without gradients.
+@dataclass(frozen=True)
+class ScriptedPolicy:
+    """A TorchScript policy of the file ``path``, run without gradients.
+
+    ``last_actions``: with how many of its last actions observations have to end, the newest first.
+    """
+
+    path: str
+    module: Any
+    last_actions: int = 0
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """The control (nu,) at an observation (n_obs,). Raises UserError if the policy fails on it."""
+        import torch
+
+        try:
+            with torch.no_grad():
+                found: np.ndarray = self.module(torch.as_tensor(observation, dtype=torch.float32)[None])[0].numpy()
+                return found
+        except RuntimeError as error:
+            last = str(error).strip().splitlines()[-1]
+            raise UserError(
+                f"{self.path}: the policy fails on {len(observation)} observations ({last}); is it of another robot?"
+            ) from None
+
+
+def load_policy(path: str | Path) -> ScriptedPolicy:
+    """A TorchScript policy: float32 observations (1, n_obs) to controls (1, nu).
 
     TorchScript is a restricted language, so unlike a pickle it can be loaded safely. Raises UserError if the file is
-    missing or not TorchScript, if the policy observes its last actions, or if the policy fails on an observation.
+    missing or not TorchScript.
     """
     import torch
 
@@ -83,25 +112,16 @@ def load_policy(path: str | Path) -> PolicyFunction:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # torch deprecates TorchScript
             module = torch.jit.load(str(path), map_location="cpu", _extra_files=told).eval()
+        count = int(told[LAST_ACTIONS] or b"0")
     except (RuntimeError, ValueError) as error:
         first = str(error).strip().splitlines()[0] if str(error).strip() else "unknown reason"
         raise UserError(f"{path}: not a TorchScript policy ({first}); save it with torch.jit.script") from None
-    if told[LAST_ACTIONS] not in (b"", b"0"):
-        count = told[LAST_ACTIONS].decode()
-        late = "last action" if count == "1" else f"last {count} actions"
-        raise UserError(f"{path}: the policy observes its {late}: record by one of --set last_actions=0")
+    return ScriptedPolicy(str(path), module, count)
 
-    def policy(observation: np.ndarray) -> np.ndarray:
-        try:
-            with torch.no_grad():
-                return module(torch.as_tensor(observation, dtype=torch.float32)[None])[0].numpy()
-        except RuntimeError as error:
-            last = str(error).strip().splitlines()[-1]
-            raise UserError(
-                f"{path}: the policy fails on {len(observation)} observations ({last}); is it of another robot?"
-            ) from None
 
-    return policy
+def last_actions_of(behaviour: object) -> int:
+    """With how many of its last actions a behaviour's observations have to end."""
+    return behaviour.last_actions if isinstance(behaviour, ScriptedPolicy) else 0
 
 
 def _control_range(model: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ from cmbrl.errors import UserError
 from cmbrl.registry import load_task, names
 
 if TYPE_CHECKING:
+    from cmbrl.data.behaviour import PolicyFunction
     from cmbrl.data.transitions import Transitions
     from cmbrl.mdp import MDP
     from cmbrl.registry import Task
@@ -64,9 +65,16 @@ def task_for(name: str, motion: str | Path | None, contact_law: str | None = Non
     return replace(task, contact_law=str(LawChoice.parse(contact_law)))
 
 
-def recorded(task: Task) -> Task:
-    """``task`` with a recorder: its own, or one that takes its real system through its process."""
-    return task if task.recorder is not None else replace(task, recorder=partial(_record, task))
+def recorded(task: Task, behaviour: str | PolicyFunction | None = None) -> Task:
+    """``task`` with a recorder: its own, or one that takes its real system through its process.
+
+    The latter where a policy observes its last actions, which recorders of tasks do not tell.
+    """
+    from cmbrl.data.behaviour import last_actions_of
+
+    processed = task.mdp is not None and task.system is not None
+    own = task.recorder is not None and not (processed and last_actions_of(behaviour))
+    return task if own else replace(task, recorder=partial(_record, task))
 
 
 def _record(task: Task, **arguments: Any) -> Transitions:

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.data.behaviour import PolicyFunction
+from cmbrl.data.behaviour import PolicyFunction, last_actions_of
 from cmbrl.data.recorder import Progress
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.history import with_last_actions
@@ -147,12 +147,14 @@ def record_process(
         system: makes the robot.
         n_steps: least number of transitions over all episodes.
         seed: of resets and random actions.
-        behaviour: "random", uniform actions; or a policy from observation (n_o,) to action (n_a,).
+        behaviour: "random", uniform actions; or a policy from observation (n_o,) to action (n_a,), the observation with
+            as many last actions as a :class:`cmbrl.data.behaviour.ScriptedPolicy` asks for.
         progress: told how many transitions each step recorded.
         episode_steps: longest episode.
     """
     shorter = replace(mdp, episode_steps=min(mdp.episode_steps, episode_steps))
-    robot, generator = Recording(shorter, system, seed), torch.Generator().manual_seed(seed + 1)
+    watched = with_last_actions(shorter, last_actions_of(behaviour))
+    robot, generator = Recording(watched, system, seed), torch.Generator().manual_seed(seed + 1)
     while robot.transitions < n_steps:
         robot.step(_action(behaviour, robot.observe(), mdp.actions, generator))
         if progress is not None:

@@ -34,7 +34,8 @@ class Source:
     def model(self, data: Transitions | PositionLog | None = None, **options: Any) -> ComplementarityModel:
         """The model with nominal parameters, commands in time and encoders without bias.
 
-        Without a task, the substeps follow from the log's dt: those of a fit go on as long as its control steps.
+        The substeps follow from the log's dt: those of a fit or a task go on as long as its control steps, so that a
+        robot may be logged faster than a policy acts.
 
         ``options`` that are not None override the settings of the task or the fit.
         Raises UserError when the log's dt is not a whole number of the time steps in ``options``.
@@ -57,7 +58,10 @@ class Source:
                 return model
             return model.at(data.dt)
         if self.task is not None:
-            return nominal_model(self.task, self.scene, **chosen)
+            nominal = nominal_model(self.task, self.scene, **chosen)
+            if data is None or abs(nominal.dt - data.dt) <= TIME_STEP_TOLERANCE * data.dt:
+                return nominal
+            return nominal.at(data.dt)
         model = ComplementarityModel(self.scene, **chosen)
         return model if data is None else model.for_log(data.dt)
 

@@ -17,7 +17,7 @@ from cmbrl.text import parse_fields
 from cmbrl.train.algorithms import ALGORITHMS, algorithm
 from cmbrl.train.models import NOMINAL, REAL, check_model, kind_of, load_model, usual_model, with_derivative
 from cmbrl.train.recipe import configure
-from cmbrl.train.start import carried_over
+from cmbrl.train.start import carried_over, with_actions_of
 from cmbrl.train.trainer import Trainer
 from cmbrl.train.windows import WindowLearner
 
@@ -57,7 +57,8 @@ class Setup:
             extras["system"] = None if self.offline else real_system(self.task)
         if "data" in chosen.takes:
             extras["data"] = load_log(self.data, self.task.load_scene()) if self.data else None
-        trainer: Trainer = chosen.load()[0](self.mdp, model, self.config, seed=self.seed, **extras)
+        config = with_actions_of(self.start, self.config, self.mdp, model) if self.start else self.config
+        trainer: Trainer = chosen.load()[0](self.mdp, model, config, seed=self.seed, **extras)
         if self.start:
             assert isinstance(trainer, WindowLearner)  # as those that go on are
             trainer.begin_with(carried_over(self.start, trainer.policy.architecture))

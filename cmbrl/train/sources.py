@@ -14,6 +14,7 @@ from cmbrl.models.ensemble_config import ENSEMBLE
 from cmbrl.models.named import RESIDUAL, SETTINGS
 from cmbrl.parsed_code import running
 from cmbrl.registry import file_of
+from cmbrl.task_folder import modules_of
 
 if TYPE_CHECKING:
     from cmbrl.train.setup import Setup
@@ -22,9 +23,10 @@ _MODELS = (SETTINGS, RESIDUAL, ENSEMBLE)  # what tells the models in a folder, w
 
 
 def sources(setup: Setup) -> dict[str, str]:
-    """Digests by path of the robot's file, a task's Python file, the model's descriptions and the log.
+    """Digests by path of the robot's file, a task's Python files, the model's descriptions and the log.
 
-    Of a robot its physics count, and of a task what it runs: comments and looks may change.
+    Of a robot its physics count, and of a task what it runs, modules from its folder included: comments and looks may
+    change.
     """
     from cmbrl.scene.source.physics_digest import physics_digest  # imports mujoco
 
@@ -33,7 +35,8 @@ def sources(setup: Setup) -> dict[str, str]:
     with suppress(UserError):  # a file that cannot be modelled, whose real system can act all the same
         found[setup.task.scene_path] = physics_digest(setup.task.scene_path)
     if file := file_of(setup.task.name):
-        found[file] = checksum(running(ast.parse(Path(file).read_bytes())))
+        for part in (Path(file), *modules_of(Path(file).resolve().parent)):
+            found[str(part)] = checksum(running(ast.parse(part.read_bytes())))
     return found
 
 

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from torch import Tensor, nn
 
+from cmbrl.envs.history import observed
 from cmbrl.errors import UserError
+from cmbrl.mdp import MDP
+from cmbrl.models.protocol import Model
 from cmbrl.train.policy import Architecture
 from cmbrl.train.policy_file import load_policy
 from cmbrl.train.run_texts import last_actions_text
+from cmbrl.train.window_config import WindowConfig
 
 _OPTIONS = {"hidden": "actor_hidden"}  # of --set
 _SIZES = ("observations", "last_actions")
+
+
+def with_actions_of(folder: str, config: WindowConfig, mdp: MDP, model: Model) -> WindowConfig:
+    """``config`` under which a run observes as many last actions as the policy in ``folder``, or more by its ``model``.
+
+    Two fits of a robot tell its delay a little differently, so that one may hold an action more than the other. As
+    given, where ``config`` says how many. Raises UserError if the folder holds no policy.
+    """
+    if config.last_actions is not None:
+        return config
+    held = load_policy(folder).policy.architecture.last_actions
+    return replace(config, last_actions=held) if held > observed(mdp, model).last_actions else config
 
 
 def carried_over(folder: str, wanted: Architecture) -> dict[str, Tensor]:

@@ -119,8 +119,8 @@ def test_a_cell_is_the_same_again():
     for cell in found:
         del cell["cpu"], cell["wall"]
     assert found[0] == found[1]
-    assert found[0]["trials"].keys() == {*trials.TRIALS, *trials.LAWS}
-    assert {"falls: law", "falls: mujoco"} <= trials.scores(found[0]["trials"]).keys()
+    assert found[0]["trials"].keys() == {*trials.TRIALS, *trials.LAWS, *trials.OF_FILES}
+    assert {"falls: law", "falls: mujoco", "falls: parameters"} <= trials.scores(found[0]["trials"]).keys()
     assert "parameters" not in found[0]
 
 

@@ -76,11 +76,31 @@ def test_the_hopper_is_pushed_along_its_track() -> None:
 def test_trials_of_a_policy_that_stops_and_of_one_that_runs_away(tmp_path: Path) -> None:
     model, mdp = cmbrl.ComplementarityModel(slider.scene(tmp_path)), slider.mdp(40)
     stops = trials(lambda o: (-2 * o[:, :1] - 2 * o[:, 1:]).clamp(-1, 1), mdp, model, 8)
-    assert set(stops) == {"draws", "late"}  # the motor drives the only coordinate
+    assert set(stops) == {"draws", "late", "parameters"}  # the motor drives the only coordinate
     assert not will_fail(failed(stops))
     runs_away = failed(trials(lambda o: torch.ones(len(o), 1), mdp, model, 8))
-    assert runs_away == {"draws": 1.0, "late": 1.0}
+    assert runs_away == {"draws": 1.0, "late": 1.0, "parameters": 1.0}
     assert "will probably fail" in foretold(runs_away)
+
+
+def test_a_file_may_be_off_and_the_draws_of_a_fit_tell_by_how_much(tmp_path: Path) -> None:
+    """A block that a motor pushes is as heavy as the file says, or up to 20 % lighter or heavier."""
+    model, mdp = cmbrl.ComplementarityModel(slider.scene(tmp_path)), slider.mdp(40)
+    found = trials(lambda o: torch.full((len(o), 1), 0.1), mdp, model, 8)
+    assert not np.array_equal(found["parameters"].returns, found["draws"].returns)
+    drawn = model.with_settings(candidates=model.parameters[None])
+    assert "parameters" not in trials(lambda o: torch.zeros(len(o), 1), mdp, drawn, 8)
+
+
+def test_a_policy_of_a_file_that_stands_little_is_asked_for_a_log() -> None:
+    for name in ("late", "parameters"):
+        shares = {"draws": 0.0, name: 0.4}
+        assert "may fail in a robot that is not quite its file, fit a log" in foretold(shares, fitted=False)
+        assert "fit a log" not in foretold(shares)
+        assert "fit a log" not in foretold({"draws": 0.0, name: 0.2}, fitted=False)
+    assert foretold({"draws": 0.0, "late": 0.1, "parameters": 0.2}, fitted=False).endswith(
+        "10 % with commands a step late, 20 % with parameters off by up to 20 %"
+    )
 
 
 PUCK = """<mujoco><option timestep=".004" cone="elliptic"/><worldbody><geom type="plane" size="9 9 .1" friction="1"/>
@@ -105,6 +125,11 @@ def test_a_policy_that_earns_no_more_than_no_action_is_told() -> None:
     assert "it has learned nothing, train longer" in unlearned({"policy": float(rests), "no action": float(idle)})
     assert unlearned({"policy": float(idle) + 1.0, "no action": float(idle)}) == ""
     assert unlearned({}) == ""
+    for hardly in (-590.0, -610.0):
+        assert "a machine that stays at its start" in unlearned({"policy": hardly, "no action": -600.0})
+    assert "gentler actions" in unlearned({"policy": -650.0, "no action": -600.0})
+    assert unlearned({"policy": -580.0, "no action": -600.0}) == ""
+    assert unlearned({"policy": 0.5, "no action": 0.0}) == ""
 
 
 def test_a_policy_that_leans_on_a_law_of_sliding_is_told() -> None:
@@ -151,8 +176,19 @@ def test_an_episode_that_earns_half_has_failed() -> None:
 def test_of_a_policy_that_was_trained_on_the_file_no_fit_is_asked_for() -> None:
     for share in (0.4, 1.0):
         assert "policy of the file" in foretold({"draws": share, "late": 0.0})
+        assert "train longer" in foretold({"draws": share, "late": 0.0})
         told = foretold({"draws": share, "late": 0.0}, fitted=False)
         assert "train longer" in told
+        assert "--start" not in told
+        assert "another log" not in told
+
+
+def test_a_loop_is_not_asked_for_what_it_does_not_take() -> None:
+    """It begins with policies of the file by itself, refuses --start, and records its own log."""
+    for share in (0.4, 1.0):
+        told = foretold({"draws": share, "late": 0.0}, loop=True)
+        assert "train longer" in told
+        assert "--set rounds=2" in told
         assert "--start" not in told
         assert "another log" not in told
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,16 @@ import pytest
 import torch
 
 from cmbrl import ComplementarityModel
+from cmbrl.data.behaviour import ScriptedPolicy, controller, last_actions_of
 from cmbrl.data.behaviour import load_policy as load_script
 from cmbrl.data.transitions import Transitions
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
+from cmbrl.envs.of_task import recorded
+from cmbrl.envs.recording import record_process
 from cmbrl.errors import UserError
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.fit import fit
+from cmbrl.registry import load_task
 from cmbrl.train.export import export_torchscript
 from cmbrl.train.fopg import FOPG, FOPGConfig
 from cmbrl.train.loop import Loop
@@ -76,12 +81,34 @@ def test_first_order_gradients_learn_through_late_commands(tmp_path: Path) -> No
     assert earned[1] > earned[0] + 0.5, earned
 
 
-def test_a_recorder_refuses_a_policy_that_observes_its_actions(tmp_path: Path) -> None:
-    export_torchscript(Policy(Architecture(4, 1, (4,), last_actions=2)), tmp_path / "late.pt")
-    with pytest.raises(UserError, match=r"observes its last 2 actions: record by one of --set last_actions=0"):
-        load_script(tmp_path / "late.pt")
+def test_a_recorder_tells_a_policy_its_last_actions(tmp_path: Path) -> None:
+    """The log is what an evaluation of that policy does; without such actions there are none to tell."""
+    policy = Policy(Architecture(4, 1, (4,), last_actions=2))
+    export_torchscript(policy, tmp_path / "late.pt")
+    script = load_script(tmp_path / "late.pt")
+    assert (script.last_actions, last_actions_of(script), last_actions_of("random")) == (2, 2, 0)
+    log = record_process(slider.mdp(20), slider.system(tmp_path), 40, seed=3, behaviour=script)
+    q, v, u = log.q[log.episode == 1], log.v[log.episode == 1], log.u[log.episode == 1]
+    past = np.zeros(2)
+    for k in range(len(q)):
+        with torch.no_grad():
+            seen = torch.as_tensor(np.concatenate([q[k], v[k], past]), dtype=torch.float32)
+            np.testing.assert_allclose(policy(seen[None])[0].numpy(), u[k], atol=1e-6)
+        past = np.array([u[k, 0], past[0]])
     export_torchscript(Policy(Architecture(4, 1, (4,))), tmp_path / "prompt.pt")
-    assert load_script(tmp_path / "prompt.pt")(np.zeros(4)).shape == (1,)
+    prompt = load_script(tmp_path / "prompt.pt")
+    assert prompt(np.zeros(4)).shape == (1,)
+    assert prompt.last_actions == 0
+
+
+def test_a_task_with_a_recorder_of_its_own_records_such_a_policy_by_its_process(tmp_path: Path) -> None:
+    task = load_task("hopper")
+    script = ScriptedPolicy("late.pt", None, last_actions=2)
+    assert recorded(task, "random") is task
+    assert recorded(task, replace(script, last_actions=0)) is task
+    assert recorded(task, script).recorder is not task.recorder
+    with pytest.raises(UserError, match="this recorder tells none: use --set last_actions=0"):
+        controller(script, None, np.random.default_rng(0))
 
 
 class LateSlider:

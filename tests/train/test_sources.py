@@ -100,3 +100,15 @@ def test_a_training_is_not_resumed_on_another_robot(place: Path, capsys: pytest.
     changed(place / "slider.xml", 'mass="4"', 'mass="2.0"')
     assert kept["policy.safetensors"] == (place / "run/policy.safetensors").read_bytes()
     assert main([*words, "--iterations", "3", "--resume"]) == 0
+
+
+def test_what_a_task_imports_from_its_folder_counts(place):
+    """A run is not gone on with where a module beside the task's file has changed."""
+    (place / "costs.py").write_text("COST = 1.0  # of a step\n")
+    changed(place / "task.py", "COST = 1.0", "from costs import COST")
+    before = sources(set_up(str(place / "task.py"), "shac", "nominal", {}))
+    assert str(place / "costs.py") in before
+    changed(place / "costs.py", "1.0  # of a step", "1.0")
+    assert sources(set_up(str(place / "task.py"), "shac", "nominal", {})) == before
+    changed(place / "costs.py", "1.0", "2.0")
+    assert sources(set_up(str(place / "task.py"), "shac", "nominal", {})) != before

@@ -14,7 +14,7 @@ from cmbrl.train.policy import Architecture, Policy
 from cmbrl.train.policy_file import save_policy
 from cmbrl.train.schedule import LEARNED
 from cmbrl.train.shac import SHAC, SHACConfig
-from cmbrl.train.start import carried_over
+from cmbrl.train.start import carried_over, with_actions_of
 
 from . import slider
 
@@ -45,6 +45,20 @@ def test_it_acts_as_before_also_where_it_observes_more_of_its_last_actions(late:
     weights = after.policy.net[0].weight.detach().clone()
     after.update()
     assert (after.policy.net[0].weight != weights).all()  # those of its last actions too
+
+
+@pytest.mark.parametrize(("late", "asked", "count"), [(0, None, 2), (1, None, 2), (3, None, 3), (3, 2, 2), (0, 0, 0)])
+def test_it_observes_as_many_last_actions_as_the_policy_it_begins_with(
+    late: int, asked: int | None, count: int, tmp_path: Path
+) -> None:
+    """Or more where its model holds more, unless it was told how many: two fits tell a delay differently."""
+    save_policy(Policy(Architecture(4, 1, (16,), last_actions=2)), tmp_path / "run", {"task": "slider"})
+    model = ComplementarityModel(slider.scene(tmp_path), observation={"delay.command": late * slider.DT})
+    config = with_actions_of(str(tmp_path / "run"), replace(SMALL, last_actions=asked), slider.mdp(), model)
+    made = SHAC(slider.mdp(), model, config)
+    assert made.policy.architecture.last_actions == count
+    if count >= 2:
+        made.begin_with(carried_over(str(tmp_path / "run"), made.policy.architecture))
 
 
 def test_schedules_begin_halfway_also_after_a_restart(tmp_path: Path) -> None:

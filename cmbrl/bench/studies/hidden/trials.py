@@ -17,6 +17,7 @@ from cmbrl.train.policy import observed_by
 
 TRIALS = ("draws", "late", "pushed")
 LAWS = ("law", "mujoco")  #: came later, one by one: results from before lack them
+OF_FILES = ("parameters",)  #: of models without draws, which came later still
 
 
 def tried(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -> Result:
@@ -28,7 +29,7 @@ def tried(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -
 def scores(found: Result) -> dict[str, float]:
     """Numbers that should be high where a policy will fall: share of falls by trial, their mean, spread of returns."""
     falls = {name: float(np.mean(found[name]["falls"])) for name in TRIALS}
-    laws = {f"falls: {name}": float(np.mean(found[name]["falls"])) for name in LAWS if name in found}
+    laws = {f"falls: {name}": float(np.mean(found[name]["falls"])) for name in (*LAWS, *OF_FILES) if name in found}
     returns = np.array([x for x in found["draws"]["returns"] if x is not None] or [0.0])
     spread = float(returns.std() / max(abs(float(returns.mean())), 1e-9))
     together = {"falls: all": float(np.mean(list(falls.values()))), "spread": spread}
