@@ -42,7 +42,8 @@ class ComplementarityModel(Variations, LogWindows, LogReading, Quantities):
             position); or "midpoint" (leapfrog with centrifugal and gyroscopic forces half a step ahead: second order in
             all forces; derivatives cost 10 to 60 % more); or "rk4" (MuJoCo's: a contact solve at each of four stages,
             nothing implicit, rows that do not look ahead; a step takes four times as long; only for MuJoCo's contact
-            law). Default: leapfrog if the file asks for RK4, otherwise semi-implicit.
+            law). Default: semi-implicit; where the file asks for RK4 leapfrog, or midpoint if a body may spin by
+            itself.
         parameters: theta (np,) in natural units, in the order of ``scene.parameters``; default: nominal.
         threads: native threads; results do not depend on it.
         damping: "coupled" (contacts, limits, ties and dry friction feel that damping is implicit) or "split" (they act

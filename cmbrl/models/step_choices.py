@@ -7,6 +7,7 @@ import numpy as np
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, switch
 from cmbrl.scene import Scene
+from cmbrl.scene.records import JointKind
 
 DAMPING = ("coupled", "split")
 # Rows look ahead: the overshoot of damping that is explicit to them closes gaps that are open, or asks for more rows. A
@@ -14,6 +15,19 @@ DAMPING = ("coupled", "split")
 # steps are MuJoCo's; of servos 11 makes one slow, and 444 makes another one's steps wrong. Rows that act as MuJoCo's do
 # look at no gap that is open, and then the overshoot does no harm.
 MOST_SPLIT, SERVO = 50.0, 10.0
+
+
+def usual_integrator(scene: Scene) -> str:
+    """The integrator of a scene whose choice was left open: MuJoCo's Euler, or of second order where its file has RK4.
+
+    Where bodies may spin by themselves, as tops and what is thrown, gyroscopic forces are of second order, too. Those
+    of first order add energy: to a flat box at 20 rad/s 11 % in a second of 2 ms steps.
+    """
+    if scene.integrator != "rk4":
+        return "semi-implicit"
+    carries = set(scene.core.body_parent.tolist())
+    spins = any(joint.kind == JointKind.BALL and joint.body not in carries for joint in scene.joints)
+    return "midpoint" if spins else "leapfrog"
 
 
 def choose_step(

@@ -9,7 +9,7 @@ from typing import Any
 from cmbrl.contact import smoothing as smoothing_policies
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.errors import UserError
-from cmbrl.models.step_choices import choose_step
+from cmbrl.models.step_choices import choose_step, usual_integrator
 from cmbrl.numbers import one_of, real, switch, whole
 from cmbrl.scene import Scene
 
@@ -65,8 +65,8 @@ class StepSettings:
         }  # fmt: skip
         substeps = whole(substeps, "substeps")
         time_step = real(scene.timestep if time_step is None else time_step, "time_step", above=0.0, most=1e3)
-        default = "leapfrog" if scene.integrator == "rk4" else "semi-implicit"
-        integrator = one_of(default if integrator is None else integrator, (*INTEGRATORS, RK4), "integrator")
+        asked = usual_integrator(scene) if integrator is None else integrator
+        integrator = one_of(asked, (*INTEGRATORS, RK4), "integrator")
         smoothing = _policy(smoothing, Exact())
         backward_smoothing = _policy(backward_smoothing, smoothing)
         implicit_springs = switch(implicit_springs, "implicit_springs")

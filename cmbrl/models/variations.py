@@ -14,6 +14,7 @@ from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
 from cmbrl.models.protocol import OtherLaw
+from cmbrl.models.step_choices import usual_integrator
 from cmbrl.models.step_settings import INTEGRATORS, RK4, StepSettings
 from cmbrl.models.stepper import SplitStepper, Stepper
 from cmbrl.scene import Scene
@@ -173,7 +174,7 @@ class Variations(ABC):
         if own.time_step > its.time_step * (1.0 + TIME_STEP_TOLERANCE):
             steps = {"time_step": its.time_step, "substeps": its.substeps, "integrator": its.integrator}
             return self.with_settings(**steps).for_training(smoothing, task)
-        integrator = "leapfrog" if own.integrator == RK4 else own.integrator
+        integrator = usual_integrator(self.scene) if own.integrator == RK4 else own.integrator
         usual = self.with_settings(
             integrator=integrator, smoothing=smoothing, backward_smoothing=None,
             sliding="coulomb", look_ahead=None, damping=None,

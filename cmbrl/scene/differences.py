@@ -185,9 +185,9 @@ def _tendons(model: mujoco.MjModel, tendons: list[Tendon], integrator: str) -> I
 def _stepping(model: mujoco.MjModel, integrator: str, contact_law: str) -> Iterator[LeftOut]:
     if integrator == "rk4":
         why = (
-            "by default stepped by leapfrog (second order), where velocity gains and damping act at the next velocity: "
-            "2 to 9 times as fast, and off by what `cmbrl check` tells; a model or fit with integrator='rk4' takes "
-            "MuJoCo's steps"
+            "by default stepped by leapfrog or midpoint (second order), where velocity gains and damping act at the "
+            "next velocity: 2 to 9 times as fast, and off by what `cmbrl check` tells; a model or fit with "
+            "integrator='rk4' takes MuJoCo's steps"
         )
         yield LeftOut("integrator", "RK4", why)
         return

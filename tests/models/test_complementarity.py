@@ -167,4 +167,4 @@ def test_a_model_under_rk4_has_its_alternatives(tmp_path: Path) -> None:
         '<geom size=".1"/></body></worldbody></mujoco>'
     )
     found = ComplementarityModel(Scene.from_mjcf(file), integrator="rk4").alternatives()
-    assert found["contact law rigid"].integrator == "leapfrog"
+    assert found["contact law rigid"].integrator == "midpoint"

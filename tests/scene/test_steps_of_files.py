@@ -144,7 +144,41 @@ def test_a_tendon_that_no_joint_moves_yet() -> None:
     assert (step.status == 0).all()
 
 
-def test_joints_that_move_no_mass_are_named() -> None:
-    twins = '<body><joint name="one"/><joint name="two"/><geom size=".1"/></body>'
+@pytest.mark.parametrize("kind", ["hinge", "slide"])
+@pytest.mark.parametrize("mass", ["1e-6", "1", "1e5"])
+def test_joints_that_move_no_mass_are_named(kind: str, mass: str) -> None:
+    """MuJoCo takes two slides along one axis for apart; they had loaded, and every step was NaN."""
+    one, two = (f'<joint name="{name}" type="{kind}"/>' for name in ("one", "two"))
     with pytest.raises(UserError, match="joint 'one' can move without moving any mass"):
-        Scene.from_mjcf(only(twins))
+        Scene.from_mjcf(only(f'<body>{one}{two}<geom size=".1" mass="{mass}"/></body>'))
+
+
+def test_joints_that_differ_move_a_mass() -> None:
+    """One after another along one axis, hinges side by side, and a joint between a rotor and its link."""
+    inner = '<body><joint type="slide"/><geom size=".1"/></body>'
+    hinges = '<body pos="1 0 0"><joint pos=".1 0 0"/><joint pos=".2 0 0"/><joint type="slide"/><geom size=".1"/></body>'
+    rotor = '<body pos="2 0 0"><joint armature=".01"/><joint stiffness="100"/><geom size=".1"/></body>'
+    scene = Scene.from_mjcf(only(f'<body><joint type="slide"/><geom size=".1"/>{inner}</body>{hinges}{rotor}'))
+    assert scene.nv == 7
+    step = ComplementarityModel(scene).predict(scene.q0[None], np.ones((1, 7)), np.zeros((1, 0)))
+    assert np.isfinite(step.v_next).all()
+
+
+@pytest.mark.parametrize(("size", "mass"), [(5e-4, 1e-6), (1e-3, 1e-6), (5.0, 1e6)])
+def test_small_and_large_bodies(size: float, mass: float) -> None:
+    """A box of a milligram had been taken for one without mass; steps are those of a box of 1 kg in other units."""
+    found = []
+    for length, weight in ((size, mass), (0.1, 1.0)):
+        unit = length / 0.1
+        h, tc = 0.002 * unit**0.5, 0.02 * unit**0.5
+        soft = f'solref="{tc} 1" solimp=".9 .95 {0.001 * unit} .5 2"'
+        shape = f'type="box" size="{length} {0.7 * length} {0.4 * length}" mass="{weight}" {soft}'
+        body = f'<body pos="0 0 {0.6 * length}" euler="20 10 0"><freejoint/><geom {shape}/></body>'
+        model = ComplementarityModel(Scene.from_mjcf(only(FLAT.replace("/>", f" {soft}/>") + body, f'timestep="{h}"')))
+        q, v = model.scene.q0[None], np.zeros((1, 6))
+        for _ in range(100):
+            step = model.predict(q, v, np.zeros((1, 0)))
+            q, v = step.q_next, step.v_next
+            assert step.status[0] == 0
+        found.append(np.concatenate([q[0, :3] / unit, q[0, 3:]]))
+    np.testing.assert_allclose(found[0], found[1], atol=1e-4)

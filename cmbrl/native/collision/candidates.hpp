@@ -167,6 +167,8 @@ static Mask look_at(const Model& m, const Options& o, Work<G>& w, int i, Feature
   Mask on = given ? given->on : hulls ? w.touch_there[m.con_corner[i]] : corner ? w.side_there[m.con_corner[i]] : all();
   bool of_points = m.con_plane[i] < 0 && m.con_type[i] != kCornerBox && !hulls;  // whose distance gives the direction
   if (of_points) on &= vabs(F.dist) > 1e-9;  // crossing segments: none parts them
+  if (!given && w.by_sides && m.con_type[i] == kPointPlane)  // MuJoCo's boxes touch a plane with corners below their centre alone
+    on &= ~(dot(F.n, G::rotate(w.R[m.con_bodyA[i]], load<G::D>(m.con_axisA + i * G::D))) > 0.0);
   return on;
 }
 

@@ -21,12 +21,33 @@ static inline bool along_capsule(const Model& m, int i) {
   if (m.con_type[i] == kDiscPlane) return false;
   return a[0] != 0 || a[1] != 0 || a[2] != 0;
 }
-// What MuJoCo's first tangent is made of: an axis of the world, or the capsule; and how that turns with A.
+// What MuJoCo's first tangent is made of: an axis of the world, or the capsule; and how that turns with A. A capsule that stands on
+// its end (to MuJoCo's 1e-15) says nothing of directions along the surface: then the world's x, as there. Nearly upright ones turn the
+// tangent by any amount as they tilt; below 1e-6 rad that is no derivative that anyone can follow, and is left out.
+constexpr double kUpright = 1e-15, kNearlyUpright = 1e-6;
+static inline T off_normal(const Vec<3>& e, const Vec<3>& n) {
+  Vec<3> y = e - dot(e, n) * n;
+  return dot(y, y);
+}
 static inline Vec<2> tangent_axis(const Model&, const Work<Planar>&, int, const Vec<2>&) { return zero<2>(); }
 static inline Vec<3> tangent_axis(const Model& m, const Work<Spatial>& w, int i, const Vec<3>& n) {
-  if (along_capsule(m, i)) return Spatial::rotate(w.R[m.con_bodyA[i]], load<3>(m.con_along + 3 * i));
+  if (along_capsule(m, i)) {
+    Vec<3> e = Spatial::rotate(w.R[m.con_bodyA[i]], load<3>(m.con_along + 3 * i));
+    Mask stands = off_normal(e, n) < kUpright * kUpright, flat = vabs(n[0]) < 0.7;
+    Vec<3> x{{select(flat, splat(1), T{}), select(flat, T{}, splat(1)), T{}}};
+    CMBRL_FOR(k, 3) e[k] = select(stands, x[k], e[k]);
+    return e;
+  }
   Mask flat = vabs(n[1]) < 0.5;
   return {{T{}, select(flat, splat(1), T{}), select(flat, T{}, splat(1))}};
+}
+static inline Vec<2> axis_turn(const Model&, const Work<Planar>&, int, const Vec<2>&, const Vec<3>&) { return zero<2>(); }
+static inline Vec<3> axis_turn(const Model& m, const Work<Spatial>& w, int i, const Vec<3>& n, const Vec<6>& S) {
+  if (!along_capsule(m, i)) return zero<3>();
+  Vec<3> e = Spatial::rotate(w.R[m.con_bodyA[i]], load<3>(m.con_along + 3 * i)), de = Spatial::turn(ang<Spatial>(S), e);
+  Mask tilted = off_normal(e, n) > kNearlyUpright * kNearlyUpright;
+  CMBRL_FOR(k, 3) de[k] = keep(tilted, de[k]);
+  return de;
 }
 // What an edge has beside the normal: of a slide (kind 0, 1: along the first or second tangent), a direction; of a spin (2) and a roll
 // (3, 4: about a tangent), an axis. From the axis e that makes the first tangent; and its change with those of the normal and of e.
@@ -111,7 +132,7 @@ static void skewed_tangents(const Model& m, const Work<G>& w, int i, const typen
 template <class G>
 static void skewed_shift(const Model& m, const Work<G>& w, int i, const typename G::V& n, const typename G::V& dn, const Vec<G::N>& S,
                          typename G::V* dd) {
-  typename G::V e = tangent_axis(m, w, i, n), de = along_capsule(m, i) ? G::turn(ang<G>(S), e) : zero<G::D>();
+  typename G::V e = tangent_axis(m, w, i, n), de = axis_turn(m, w, i, n, S);
   CMBRL_FOR(k, G::NT) dd[k] = (k == 1 ? m.con_ratio[2 * i] : 1.0) * beside_turn(G{}, n, e, k, dn, de).along;
 }
 
@@ -120,7 +141,7 @@ static void skewed_shift(const Model& m, const Work<G>& w, int i, const typename
 template <class G>
 static inline Beside<G> edge_shift(const Model& m, const Work<G>& w, const Contact<G>& c, const typename G::V& n,
                                    const typename G::V& dn, const Vec<G::N>& S) {
-  typename G::V e = tangent_axis(m, w, c.index, n), de = along_capsule(m, c.index) ? G::turn(ang<G>(S), e) : zero<G::D>();
+  typename G::V e = tangent_axis(m, w, c.index, n), de = axis_turn(m, w, c.index, n, S);
   Beside<G> x = beside_turn(G{}, n, e, kind_of_edge(c.edge), dn, de);
   T scale = c.mu * sign_of_edge(c.edge);
   return {scale * x.along, scale * x.about};

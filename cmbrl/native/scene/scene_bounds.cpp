@@ -52,11 +52,13 @@ void for_points_of_B(const Model& m, int c, F f) {
   for_vertices(m, m.con_hullB[c], f);
 }
 
+// A corner of a box, on another one or on a plane: its axis only tells where its box is.
+bool is_corner(const Model& m, int c) { return m.con_type[c] == kCornerBox || m.con_type[c] == kPointPlane; }
 double margin_of(const Model& m, int c) { return std::max(m.con_margin[c], 0.0); }
 // How far the shapes of candidate c, and the margin in which they touch already, reach from their centres. The axis of a corner only tells where its box is.
 double size_of_A(const Model& m, int c) {
   double sum = m.P[m.oContact + c * kContactFields + kRadius] - m.con_radiusB[c];
-  return std::abs(sum) + margin_of(m, c) + (m.con_type[c] == kCornerBox ? 0 : length(m.con_axisA + c * m.D, m.D));
+  return std::abs(sum) + margin_of(m, c) + (is_corner(m, c) ? 0 : length(m.con_axisA + c * m.D, m.D));
 }
 double size_of_B(const Model& m, int c) {
   return std::abs(m.con_radiusB[c]) + length(m.con_axisB + c * m.D, m.D) + length(m.con_halfB + c * m.D, m.D);
@@ -189,14 +191,14 @@ void SceneData::derive_clusters() {
       auto alike = [&](int c) { return m.con_pair[c] == m.con_pair[first] && m.con_when[c] == m.con_when[first]; };
       for (end = k; end < m.grp_cptr[g + 1] && alike(m.grp_con[end]);) ++end;
       double none[3] = {}, heaviest = 0, most = 0;
-      bool corner = m.con_type[first] == kCornerBox;  // their axes only tell where the box is
+      bool corner = is_corner(m, first);  // their axes only tell where the box is
       Box A(D, m.con_rotA + first * D * D, corner ? none : m.con_axisA + first * D);
       Box B(D, m.con_rotB + first * D * D, m.con_axisB + first * D);
       for (int x = k; x < end; ++x) {
         int c = m.grp_con[x];
         bool rim = m.con_type[c] == kRimPlane || m.con_type[c] == kDiscPlane || m.con_type[c] == kOvalPlane;  // or what is bent all around
         double radius = m.P[m.oContact + c * kContactFields + kRadius] + (rim ? length(m.con_axisA + c * D, D) : 0);
-        const double* axis = rim || m.con_type[c] == kCornerBox ? nullptr : m.con_axisA + c * D;
+        const double* axis = rim || is_corner(m, c) ? nullptr : m.con_axisA + c * D;
         for_points(m, c, [&](const double* point) { A.hold(point, axis, nullptr, nullptr); });
         place[c] = x - k;
         touches[c] = end - k;

@@ -1,78 +1,15 @@
-// LU of a matrix with the sparsity of a kinematic tree, from the leaves to the root, without pivoting: no fill-in
-// (Featherstone 2008, section 6.5, carried over to the non-symmetric M + J^T Theta J of the interior point).
-// Matrices are packed (packed.hpp). Dofs that no active row touches are eliminated once a step, the others once an iteration.
+// Factors of packed matrices (packed.hpp) with the sparsity of a kinematic tree (elimination.hpp), and what they solve.
+// Dofs that no active row touches are eliminated once a step, the others once an iteration.
 #pragma once
 #include <type_traits>
 
 #include "dynamics/lines.hpp"
+#include "solver/elimination.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
 template <class G> static inline Pattern pattern_of(const Structure& m, const SolverWork<G>& w) {
   return w.coupled ? w.fill : m.mass;
-}
-
-static inline void eliminate(T* H, Pattern p, int k) {
-  const int* columns = p.columns(k);
-  Row<T> row(H, p, k);
-  T inv = 1.0 / *row.diagonal;
-  *row.diagonal = inv;  // the diagonal keeps its inverse
-  for (int a = 0; a < row.n; ++a) row.mirror[a] *= inv;
-  for (int a = row.n - 1; a >= 0; --a) {  // nearest ancestor first: it is eliminated next and waits for this
-    Row<T> to(H, p, columns[a]);
-    const int* place = p.columns(columns[a]);
-    T below = row.mirror[a], right = row.before[a];
-    *to.diagonal -= below * right;
-    if (to.n == a) {  // always in a tree without fill-in: chains begin alike
-      for (int b = 0; b < a; ++b) {
-        to.before[b] -= below * row.before[b];
-        to.mirror[b] -= row.mirror[b] * right;
-      }
-      continue;
-    }
-    for (int b = 0, x = 0; b < a; ++b, ++x) {
-      while (place[x] != columns[b]) ++x;
-      to.before[x] -= below * row.before[b];
-      to.mirror[x] -= row.mirror[b] * right;
-    }
-  }
-}
-
-// The same of a row that is symmetric so far, in half the time: mirror images are kept up in rows that are not, which
-// `skew` marks, if there are any.
-static inline void eliminate_symmetric(T* H, Pattern p, int k, const uint8_t* skew) {
-  const int* columns = p.columns(k);
-  Row<T> row(H, p, k);
-  T inv = 1.0 / *row.diagonal;
-  *row.diagonal = inv;
-  for (int a = 0; a < row.n; ++a) row.mirror[a] = row.before[a] * inv;
-  for (int a = row.n - 1; a >= 0; --a) {
-    Row<T> to(H, p, columns[a]);
-    const int* place = p.columns(columns[a]);
-    T below = row.mirror[a];
-    *to.diagonal -= below * row.before[a];
-    auto hand_on = [&](auto mirrored, auto at) {
-      for (int b = 0, x = 0; b < a; ++b, ++x) {
-        x = at(b, x);
-        T share = below * row.before[b];
-        to.before[x] -= share;
-        if (mirrored) to.mirror[x] -= share;
-      }
-    };
-    auto all_of_them = [](int b, int) { return b; };  // in a tree without fill-in: chains begin alike
-    auto some = [&](int b, int x) {
-      while (place[x] != columns[b]) ++x;
-      return x;
-    };
-    bool mirrored = skew && skew[columns[a]];
-    if (to.n == a) mirrored ? hand_on(std::true_type{}, all_of_them) : hand_on(std::false_type{}, all_of_them);
-    else mirrored ? hand_on(std::true_type{}, some) : hand_on(std::false_type{}, some);
-  }
-}
-
-// The factor of a symmetric matrix, in half the time.
-static inline void factorise_symmetric(T* H, Pattern p, int nv) {
-  for (int k = nv - 1; k >= 0; --k) eliminate_symmetric(H, p, k, nullptr);
 }
 
 static inline void copy_row(T* to, const T* from, Pattern p, int k, bool mirrored = true) {
@@ -211,7 +148,7 @@ static void eliminate_untouched(const Structure& m, SolverWork<G>& w) {
     spread_row(w.H0, pat, w.M, m.mass, k);
   }
   for (int k = nv - 1; k >= 0; --k)
-    if (!w.dynamic[k]) { eliminate(w.H0, pat, k); copy_row(w.H, w.H0, pat, k); }
+    if (!w.dynamic[k]) { eliminate<1, false>(w.H0, pat, k); copy_row(w.H, w.H0, pat, k); }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -117,10 +117,10 @@ struct Newton {
     }
     for (int i = 0; i < w.nlim; ++i) add_square(m, w, w.lim[i], w.lim[i].Th, w.H, pat);
     for (int i = 0; i < w.ndry; ++i) add_square(m, w, w.dry[i].line, w.dry[i].Th, w.H, pat);
-    for (int i = 0; i < w.ndyn; ++i) {
-      int k = w.dyn_list[i];
-      if (w.skew[k]) eliminate(w.H, pat, k);
-      else eliminate_symmetric(w.H, pat, k, w.skew);
+    for (int i = 0, alike; i < w.ndyn;) {
+      int k = w.dyn_list[i], skew = w.skew[k];
+      for (alike = 1; alike < kRun && i + alike < w.ndyn && w.dyn_list[i + alike] == k - alike && w.skew[k - alike] == skew;) ++alike;
+      i += skew ? eliminate_chain<false>(w.H, pat, k, alike) : eliminate_chain<true>(w.H, pat, k, alike, w.skew);
     }
   }
   // J^T K J of one group, row by row: `pull` is that of one dof.

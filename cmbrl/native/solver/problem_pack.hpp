@@ -81,7 +81,7 @@ struct ProblemPack {
     T energy = T{}, momentum = T{};
     speed = T{};
     for (int k = 0; k < nv; ++k) copy_row(w.H, w.M, pat, k);
-    for (int k = nv - 1; k >= 0; --k) eliminate(w.H, pat, k);
+    cmbrl::CMBRL_ISA::factorise<false>(w.H, pat, nv);
     for (int i = 0; i < b.contacts; ++i) {
       Contact<G>& c = w.con[i];
       T weight = T{}, fastest = T{};

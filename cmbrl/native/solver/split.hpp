@@ -68,8 +68,7 @@ static void add_bent_drag(const Model& m, const Work<G>& w, int line, T drag, co
 template <class G>
 static void split_factor(const Model& m, Work<G>& w) {
   for (int i = 0; i < m.mass.row(m.nv); ++i) w.K[i] = w.M[i] + w.D[i];
-  if (m.ngyro == 0) return factorise_symmetric(w.K, m.mass, m.nv);
-  for (int k = m.nv - 1; k >= 0; --k) eliminate(w.K, m.mass, k);
+  m.ngyro == 0 ? factorise<true>(w.K, m.mass, m.nv) : factorise<false>(w.K, m.mass, m.nv);
 }
 
 // f(i, k, D_ik) of the entries of D.

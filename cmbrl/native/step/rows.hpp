@@ -211,7 +211,7 @@ template <class G>
 static void free_velocity(const Model& m, Work<G>& w) {
   T* H = w.free_factor;
   for (int i = 0; i < m.mass.row(m.nv); ++i) H[i] = w.M[i];
-  factorise_symmetric(H, m.mass, m.nv);
+  factorise<true>(H, m.mass, m.nv);
   for (int i = 0; i < m.nv; ++i) w.vf[i] = w.rhs[i];
   solve(H, m.nv, m.mass, w.vf);
   for (int i = 0; i < m.nv; ++i) w.vf[i] += w.v[i];

@@ -15,6 +15,7 @@ ROUND = ("sphere", "capsule")
 def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candidate:
     """What ``touch`` of a shape does over a plane of the world."""
     kind = ContactKind.RIM_PLANE if np.any(touch.rim) else ContactKind.POINT_PLANE
+    axis = touch.rim if kind == ContactKind.RIM_PLANE else touch.arm
     frame, along = UPRIGHT, shape.rot[:, 2] if shape.kind == "capsule" else ZERO
     if touch.oval is not None:
         kind, frame = ContactKind.OVAL_PLANE, touch.oval
@@ -22,7 +23,7 @@ def on_plane(shape: Shape, plane: Shape, touch: Touch, law: ContactLaw) -> Candi
         kind, frame, along = ContactKind.DISC_PLANE, shape.rot, touch.turn
     return Candidate(
         kind, (shape.geom, plane.geom), shape.body, WORLD,
-        touch.pos, touch.rim, ZERO, ZERO, UPRIGHT, ZERO, touch.radius, 0.0, law, touch.weight,
+        touch.pos, axis, ZERO, ZERO, UPRIGHT, ZERO, touch.radius, 0.0, law, touch.weight,
         along=along, rot_a=frame, when=touch.when,
     )  # fmt: skip
 

@@ -76,8 +76,8 @@ class Candidate(NamedTuple):
     body_a: int
     body_b: int
     pos_a: Array  # (D,) in A's frame
-    # (D,) half segment vector; of a rim: across it, as long as its radius; of a corner: from the centre; of an
-    # ellipsoid: its longest half axis
+    # (D,) half segment vector; of a rim: across it, as long as its radius; of a box's corner, also on a plane:
+    # from the centre; of an ellipsoid: its longest half axis
     axis_a: Array
     pos_b: Array
     axis_b: Array

@@ -160,6 +160,7 @@ class Touch:
     weight: float = 1.0  # number of MuJoCo's points that it stands for
     rim: Array = field(default_factory=lambda: np.zeros(3))  # as long as the rim's radius, or the longest half axis
     oval: Array | None = None  # (3, 3) of an ellipsoid: sum of r^2 e e^T over its half axes r along e [m^2]
+    arm: Array = field(default_factory=lambda: np.zeros(3))  # (3,) to the corner of a box from its centre
     turn: Array | None = None  # cosine and sine (3,) of the turn about ``rim`` from its lowest point, of another on it
     when: When = When.ALWAYS
 
@@ -196,7 +197,8 @@ def touches(shape: Shape, normal_axis: Array | None) -> list[Touch]:
         local = np.vstack([np.column_stack([edge, np.full(2, end)]) for end in (-half, half)])
     else:
         local = shape.hull
-    return [Touch(shape.pos + shape.rot @ point, shape.radius) for point in local]
+    arms = [shape.rot @ point for point in local]
+    return [Touch(shape.pos + arm, shape.radius, arm=arm if shape.kind == "box" else np.zeros(3)) for arm in arms]
 
 
 def _round_touches(cylinder: Shape) -> list[Touch]:

@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from cmbrl.errors import UserError
 from cmbrl.reading import regular_file
@@ -21,6 +22,8 @@ from cmbrl.scene.source.precheck import check_xml
 RobotSource: TypeAlias = str | Path | mujoco.MjSpec | mujoco.MjModel
 
 LARGEST = 1e12  #: of any mass, length, stiffness or gain
+_MASSLESS, _SAME_WAY = 1e14, 1e-9  # of 1 / mass, whose least is 1e-15 in MuJoCo; between axes
+_INVERSE, _LIGHTEST = "invweight0", 1e16  # MuJoCo's 1 / masses: of a body of a milligram 1e6, of its turns 1e13
 _OF_BODIES = ("body_", "jnt_", "dof_", "geom_", "pair_", "actuator_", "tendon_")
 _PHYSICAL = ("qpos0", "qpos_spring", "wrap_prm", "eq_data", "eq_sol", *_OF_BODIES)
 _NEVER_NEGATIVE = {  # what takes energy away, adds inertia, or is a distance, by owner
@@ -132,12 +135,34 @@ def is_pointer(name: str | Path) -> bool:
 
 def _check_inertia(model: mujoco.MjModel, label: str) -> None:
     """Raises UserError where joints may move without moving any mass: there the mass matrix is singular."""
-    for dof in np.flatnonzero(model.dof_invweight0 > LARGEST):
+    for dof in np.flatnonzero((model.dof_invweight0 > _MASSLESS) | _hidden(model)):
         name = name_of(model, "joint", int(model.dof_jntid[dof]))
         raise UserError(
             f"{label}: joint {name!r} can move without moving any mass: give its body mass or the joint armature, and "
             "joints of one body different axes"
         )
+
+
+def _hidden(model: mujoco.MjModel) -> NDArray[np.bool_]:
+    """Dofs (nv,) without rotors of bodies that those move in fewer ways than there are.
+
+    MuJoCo's weights tell it of all but slides alone, whose masses it takes to be apart.
+    """
+    ways = np.zeros((model.nv, 6))  # turn about, and velocity of, the body's origin
+    for dof, joint in enumerate(model.dof_jntid):
+        kind, axis, place = model.jnt_type[joint], model.jnt_axis[joint], model.jnt_pos[joint]
+        if kind == mujoco.mjtJoint.mjJNT_HINGE:
+            ways[dof] = *axis, *np.cross(place, axis)
+        elif kind == mujoco.mjtJoint.mjJNT_SLIDE:
+            ways[dof, 3:] = axis
+        else:  # each turns or slides about an axis of its own
+            ways[dof, (dof - int(model.jnt_dofadr[joint])) % 6] = 1.0
+    hidden = np.zeros(model.nv, dtype=bool)
+    for body in np.flatnonzero(model.body_dofnum > 1):
+        own = model.body_dofadr[body] + np.arange(model.body_dofnum[body])
+        own = own[model.dof_armature[own] == 0.0]  # a rotor moves with its own joint alone
+        hidden[own] = len(own) > 0 and np.linalg.matrix_rank(ways[own], tol=_SAME_WAY) < len(own)
+    return hidden
 
 
 def _check_values(model: mujoco.MjModel, label: str) -> None:
@@ -149,13 +174,12 @@ def _check_values(model: mujoco.MjModel, label: str) -> None:
             values = np.asarray(getattr(owner, name)) if not callable(getattr(owner, name)) else np.zeros(0)
             if values.dtype.kind != "f":
                 continue
-            bad = np.isnan(values) if name.endswith("range") else ~(np.abs(values) <= LARGEST)
+            most = _LIGHTEST if name.endswith(_INVERSE) else LARGEST
+            bad = np.isnan(values) if name.endswith("range") else ~(np.abs(values) <= most)
             if bad.any():
                 at = f"[{np.argwhere(np.atleast_1d(bad))[0][0]}]" if values.ndim else ""
                 value = np.atleast_1d(values)[np.atleast_1d(bad)][0]
-                raise UserError(
-                    f"{label}: MuJoCo's {name}{at} is {value:g}; give numbers of a robot, at most {LARGEST:g}"
-                )
+                raise UserError(f"{label}: MuJoCo's {name}{at} is {value:g}; give numbers of a robot, at most {most:g}")
 
 
 def _check_signs(model: mujoco.MjModel, label: str) -> None:
