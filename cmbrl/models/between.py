@@ -11,14 +11,14 @@ from cmbrl.scene.records import Joint, JointKind, Parameter
 
 BIAS, ZERO, INTEGRATED = "bias", "servo_zero", "integrated"  #: groups, of joints
 LEAD, INTEGRAL = "lead", "integral"  #: groups, of servos
-DEAD = "dead_zone"  #: group, of motors
+DEAD, OFFSET = "dead_zone", "motor_zero"  #: groups, of motors
 AHEAD, DELAY, LAG = "ahead", "delay", "lag"  #: groups, of all commands
 _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
 _ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos' zeros from masses only where poses vary
 _INTEGRATED_BOUND = 1.0  # [rad] or [m], of a target: weak gains hold a load by much
 _LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of position in stiff servos
 _INTEGRAL_BOUND = 30.0  # [1/s]: most integrals take a fifth of a second to a few seconds
-_DEAD_BOUND = 0.3, 1.0  # of the largest control; of one without limits
+_MOTOR_BOUND = 0.3, 1.0  # of the largest control; of one without limits
 _LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
 _LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
 
@@ -39,14 +39,15 @@ def of_servos(scene: Scene, leads: np.ndarray, integrates: np.ndarray) -> list[P
     return found
 
 
-def of_motors(scene: Scene, motors: np.ndarray) -> list[Parameter]:
-    """A dead zone of each of the actuators ``motors`` (nd,)."""
+def of_motors(group: str, scene: Scene, motors: np.ndarray) -> list[Parameter]:
+    """A parameter of ``group``, dead zone or zero, of each of the actuators ``motors`` (nd,)."""
     most = np.abs(np.reshape(scene.core.act_ctrl, (-1, 2))).max(axis=1)
-    bound = np.where(np.isfinite(most), _DEAD_BOUND[0] * most, _DEAD_BOUND[1])
-    return [
-        Parameter(f"{DEAD}.{scene.actuator_names[k]}", DEAD, 0.0, 0.0, float(bound[k]), "linear", "1", default=False)
-        for k in motors.tolist()
-    ]
+    bound = np.where(np.isfinite(most), _MOTOR_BOUND[0] * most, _MOTOR_BOUND[1])
+    found = []
+    for k in motors.tolist():
+        name, own = f"{group}.{scene.actuator_names[k]}", float(bound[k])
+        found.append(Parameter(name, group, 0.0, 0.0 if group == DEAD else -own, own, "linear", "1", default=False))
+    return found
 
 
 def of_commands(dt: float, early: float) -> list[Parameter]:

@@ -2,7 +2,7 @@
 
 The log tells positions y and commands c. The model's state and control are
 
-    q = y - b,      u_i = a_i + l (a_i - a_(i-1)) / dt + r s_i + B (b - z - i),    a_i = sum_k w_k(d, tau) c_(i-k)
+    q = y - b,      u_i = a_i + l (a_i - a_(i-1)) / dt + r s_i + B (b - z - i) - o,    a_i = sum_k w_k(d, tau) c_(i-k)
 
 b is the bias of each encoder. A position servo compares its target with a reading of its own, y - z: with the encoder's
 where z = 0, with the true position where z = b, as where another sensor made the log. B accounts for that.
@@ -12,7 +12,7 @@ velocity but what that lacks of the target's: the gain of the velocity over that
 s is what a and y have been apart so far, less its mean over the episode, and r the gain on it, of servos that integrate
 (``integral``); i is what they add in the mean, alike in all episodes, and ``begun`` what is an episode's own. Before
 an episode motors were off, and position servos held their first target. Of a motor with a dead zone, c is what its
-command is beyond that.
+command is beyond that. o is what the log tells of a motor that gives nothing: the zero of its sensor of torque.
 ``wiring`` does the same command by command. Where actuators have a state, u ends with their activations, which follow
 from the controls of the episode so far; they begin at 0.
 """
@@ -31,7 +31,7 @@ from cmbrl.models import between
 from cmbrl.models.activations import Activations
 from cmbrl.models.arriving import Arrived, arrived
 from cmbrl.models.begun import Begun
-from cmbrl.models.between import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, ZERO
+from cmbrl.models.between import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, OFFSET, ZERO
 from cmbrl.models.integral import Lacked, OwnIntegral
 from cmbrl.models.late import late_response
 from cmbrl.numbers import real
@@ -49,9 +49,9 @@ _AHEAD = 1.5  # of a step of the log, less one of the model: commands that move 
 class Observation:
     """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, gains, delay and lag.
 
-    ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + 2 nserved): the change
-    of the control that a unit of bias, of a servo's zero, or of what it had integrated, causes. ``holds`` (nu,) bool:
-    position servos. ``ahead`` [s]: by how much commands may act before the log has them.
+    ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + 2 nserved + nd): the
+    change of the control that a unit of bias, of a servo's zero, of what it had integrated, or of a motor's zero,
+    causes. ``holds`` (nu,) bool: position servos. ``ahead`` [s]: by how much commands may act before the log has them.
     """
 
     parameters: tuple[Parameter, ...]
@@ -80,15 +80,17 @@ class Observation:
         early = _AHEAD * (dt - (step or dt))
         servo = between.readings(scene, joints)
         served = np.flatnonzero(servo.any(axis=0))
-        servo = np.hstack([servo, -servo[:, served], -servo[:, served]])
-        places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
         holds = np.array([scene.core.P[scene.layout.actuator(k, "bias1")] != 0.0 for k in range(scene.nu)], dtype=bool)
-        leads, integrates = np.flatnonzero(holds), np.flatnonzero(servo[:, : len(joints)].any(axis=1))
         dead = np.flatnonzero(~holds)
+        motors = -np.eye(scene.nu)[:, dead]
+        servo = np.hstack([servo, -servo[:, served], -servo[:, served], motors])
+        places = np.array([(joint.qadr, joint.vadr) for joint in joints], dtype=np.int64).reshape(-1, 2)
+        leads, integrates = np.flatnonzero(holds), np.flatnonzero(servo[:, : len(joints)].any(axis=1))
         offered = (
             *between.of_joints(scene, joints, [joints[column] for column in served.tolist()]),
+            *between.of_motors(OFFSET, scene, dead),
             *between.of_servos(scene, leads, integrates),
-            *between.of_motors(scene, dead),
+            *between.of_motors(DEAD, scene, dead),
             *(between.of_commands(dt, early) if scene.nu else ()),
         )
         return cls(offered, dt, places[:, 0], places[:, 1], servo, holds, activations, early, leads, integrates, dead)
@@ -107,7 +109,7 @@ class Observation:
         groups = np.array([p.group for p in self.parameters])
         return {
             group: np.flatnonzero(groups == group)
-            for group in (BIAS, ZERO, INTEGRATED, LEAD, INTEGRAL, DEAD, AHEAD, DELAY, LAG)
+            for group in (BIAS, ZERO, INTEGRATED, OFFSET, LEAD, INTEGRAL, DEAD, AHEAD, DELAY, LAG)
         }
 
     @property
@@ -232,7 +234,7 @@ class Observation:
         return given[0] + self._constant(log, psi, rows), slope
 
     def _constant(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """What biases and zeros of servos add to the controls (nu,), or (R, nu) where episodes begin otherwise."""
+        """What biases and zeros add to the controls (nu,), or (R, nu) where episodes begin otherwise."""
         constant = self.servo @ psi[: self.servo.shape[1]]
         if self.begun is None or not psi[self.place[INTEGRAL]].any():
             return np.asarray(constant)

@@ -24,7 +24,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.models.activations import Activations
-from cmbrl.models.between import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, LAG, LEAD, ZERO
+from cmbrl.models.between import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, LAG, LEAD, OFFSET, ZERO
 from cmbrl.models.observation import Observation
 
 Step = Callable[..., tuple[Tensor, Tensor]]
@@ -180,7 +180,8 @@ def _read(observer: Observation, psi: np.ndarray, nq: int) -> list[Tensor]:
     dead[:, observer.dead] = psi[:, place[DEAD]]
     bias[:, observer.joints_q] = psi[:, place[BIAS]]
     lead[:, observer.leads], integral[:, observer.integrates] = psi[:, place[LEAD]], psi[:, place[INTEGRAL]]
-    kept = np.append(place[BIAS], place[ZERO])  # a log's servos may have integrated before; a process begins anew
+    # a log's servos may have integrated before; a process begins anew
+    kept = np.concatenate([place[BIAS], place[ZERO], place[OFFSET]])
     shift = psi[:, kept] @ observer.servo[:, kept].T
     return [torch.from_numpy(np.ascontiguousarray(x)) for x in (dead, *late, lead, integral, bias, shift)]
 

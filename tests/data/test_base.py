@@ -101,6 +101,8 @@ def test_both_files_have_a_time_whatever_they_call_it(walk):
 def test_joints_of_a_floating_robot_alone_ask_for_its_poses(walk):
     with pytest.raises(UserError, match=r"no column for root.x: .* or give a file of its poses by --base; columns"):
         import_logs([walk["folder"] / "joints.npz"], walk["scene"])
+    with pytest.raises(UserError, match=r"if it hangs or is mounted, hold it: `cmbrl convert .* --hold root`"):
+        import_logs([walk["folder"] / "joints.npz"], walk["scene"])
 
 
 @pytest.mark.parametrize("carries", ["", '<body><joint name="lid"/><geom size=".1"/></body>'])

@@ -99,7 +99,7 @@ def test_a_model_without_lateness_is_stepped_as_it_is(arm: Scene) -> None:
     assert robots.memory.shape == (2, 0)
     assert robots.step == model.step
     assert wiring_of(object()) is None
-    psi = np.array([*np.zeros(7), 1e-6, 0.0])  # far below a step
+    psi = np.array([*np.zeros(8), 1e-6, 0.0])  # far below a step
     assert Wiring.of(Observation.of(arm, DT), psi, arm.nq) is None
 
 
@@ -174,7 +174,7 @@ def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
 
 def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm: Scene) -> None:
     model = model_of(arm, 0.013, 0.02)
-    between = [[*np.zeros(4), 0.02 * (d > 0.0), 0.0, 0.0, d, lag] for d, lag in LATE]
+    between = [[*np.zeros(5), 0.02 * (d > 0.0), 0.0, 0.0, d, lag] for d, lag in LATE]
     sets = np.stack([np.append(model.parameters, row) for row in between])
     wiring = model.with_settings(candidates=sets).wiring
     assert wiring is not None
@@ -193,7 +193,7 @@ def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm:
 def test_every_episode_has_a_delay_of_its_own(arm: Scene) -> None:
     """Also where the fit itself has none, and after an episode's end."""
     model = model_of(arm, 0.0, 0.0)
-    sets = np.stack([np.append(model.parameters, [*np.zeros(7), d, 0.0]) for d in (0.0, 0.02)])
+    sets = np.stack([np.append(model.parameters, [*np.zeros(8), d, 0.0]) for d in (0.0, 0.02)])
     model = model.with_settings(candidates=sets)
     simulation = Simulation(process(arm, 4), model, 16, disturbance=Disturbance(parameters=parameter_sets(model, 0.0)))
     push, seen = torch.ones(16, 2, dtype=torch.float64), []

@@ -89,7 +89,9 @@ def _remedy(wanted: str, series: Mapping[Key, Series], scene: Scene) -> str:
     seen = any((name, axis) in series for axis in PLACE)
     marker = seen and lacks.startswith((*PLACE, TURN[0])) and _alone(name, floating, scene)
     slides = ", or, of a marker that tells no turn, give the body three slides instead of a free joint"
-    return f", or give a file of its poses by --base{slides if marker else ''}"
+    option = holding([name], scene.joint_names)
+    held = "" if seen else f", or, if it hangs or is mounted, hold it: `cmbrl convert FILE.xml HELD.xml {option}`"
+    return f"{held}, or give a file of its poses by --base{slides if marker else ''}"
 
 
 def _alone(name: str, floating: Sequence[Floating], scene: Scene) -> bool:

@@ -25,13 +25,13 @@ from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
 from cmbrl.fitting.search.gauss_newton import gauss_newton
 from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import NotFinite, Objective
-from cmbrl.models.between import AHEAD, DEAD, INTEGRAL, INTEGRATED, LEAD, ZERO
+from cmbrl.models.between import AHEAD, DEAD, INTEGRAL, INTEGRATED, LEAD, OFFSET, ZERO
 from cmbrl.scene.fittable.parameters import TILT
 
 #: act in proportion; to first order, dry friction takes the part of Stribeck's
-_FORECAST = (*GAINS, AHEAD, LEAD, INTEGRAL, DEAD, TILT, ZERO, "friction_slope")
+_FORECAST = (*GAINS, AHEAD, LEAD, INTEGRAL, DEAD, OFFSET, TILT, ZERO, "friction_slope")
 #: tried on positions: held, or in no file
-LAWS = (*GAINS, AHEAD, LEAD, INTEGRAL, DEAD, TILT, *drives.GROUPS, ZERO, "friction_slope", "stribeck")
+LAWS = (*GAINS, AHEAD, LEAD, INTEGRAL, DEAD, OFFSET, TILT, *drives.GROUPS, ZERO, "friction_slope", "stribeck")
 _WITH = {INTEGRAL: (INTEGRATED,)}  # what a law needs besides
 _RIVAL = {INTEGRAL: ZERO}  # a simpler law, which is what a law needs besides by itself: it has to gain over that
 _AT_ONCE = 0.5  # of the loss: a law that leaves less is taken before others are tried

@@ -43,7 +43,7 @@ _CAUSES = (  # groups of parameters, and what is likely to have changed
     ),
     (("friction", "softness", "impedance", "restitution", "radius", "plane"), "another floor or surface"),
     (("stiffness",), "another spring, or a cable that pulls"),
-    (("gear", "kp", "kd", "kv", "force_limit", "dead_zone"), "other gains, motors or battery"),
+    (("gear", "kp", "kd", "kv", "force_limit", "dead_zone", "motor_zero"), "other gains, motors or battery"),
     (("bias", "servo_zero", "integrated"), "encoders that were zeroed anew"),
     (("delay", "lag", "lead", "integral", "ahead"), "another controller or bus"),
     (("gravity",), "a robot or a floor that is tilted"),
