@@ -67,8 +67,8 @@ static Feature<G> find_feature(const Model& m, Work<G>& w, int i) {
     T s = select(det > 1e-12 * aa * bb, clip((ab * br - bb * ar) / select(det > 0.0, det, one)), T{});
     T t = clip((ab * s + br) / bb_safe);
     s = clip((ab * t - ar) / select(aa > 0.0, aa, one));
-    F.free_s = select(vabs(s) < 1.0, one, T{});
-    F.free_t = select(vabs(t) < 1.0, one, T{});
+    F.free_s = select((vabs(s) < 1.0) & (aa > 0.0), one, T{});
+    F.free_t = select((vabs(t) < 1.0) & (bb > 0.0), one, T{});  // an edge across the plane of motion is a point in it
     F.a = F.a + s * F.axisA;
     rel = rel + s * F.axisA - t * F.axisB;
   } else if (m.con_halfB[i * D] > 0) {
