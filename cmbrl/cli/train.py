@@ -217,7 +217,8 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
         failed = f"{100 * share:.0f} % of episodes failed in the model"
         print(f"{out}: after {update} updates {failed}, so it learned on")
     if trainer.kept is not None:
-        print(f"{out}: the policy of update {trainer.kept} is kept: the last one does worse in the model")
+        which = f"policy of update {trainer.kept}" if trainer.kept else "policy that it began with"
+        print(f"{out}: the {which} is kept: the last one does worse in the model")
     for place, remark in trainer.remarks.items():
         print(f"{out / place}: {remark}")
     if trainer.gradients:

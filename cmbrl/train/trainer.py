@@ -56,7 +56,7 @@ class Trainer(ABC):
     judged: MDP | None = None  #: the process of its trials, where an evaluation starts in another way than training
     earned: Mapping[str, float] = MappingProxyType({})  #: in the model alone: see ``cmbrl.envs.trials.unlearned``
     advice: str = ""  #: what its trials say of the task
-    kept: int | None = None  #: the update whose policy is kept instead of the last one
+    kept: int | None = None  #: the update whose policy is kept instead of the last one; 0: that it began with
     remarks: Mapping[str, str] = MappingProxyType({})  #: what else it has to say, by the place in its folder
     returns_to: Sequence[Sequence[int]] = ()  #: updates after which it went back, and to which
     learned_on: Sequence[tuple[int, float]] = ()  #: planned ends that it went beyond, and shares of failed trials there

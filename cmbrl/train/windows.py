@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from abc import abstractmethod
 from typing import Any, ClassVar
@@ -19,6 +20,7 @@ from cmbrl.models.protocol import Model, failures
 from cmbrl.train.critic import Critic
 from cmbrl.train.lost_gradients import PATIENCE, LostGradients, blame
 from cmbrl.train.optimiser import PolicyOptimiser
+from cmbrl.train.peak import LOST
 from cmbrl.train.policy import Architecture, Policy, observed_by
 from cmbrl.train.randomness import GlobalRandomness
 from cmbrl.train.schedule import Schedule
@@ -92,14 +94,18 @@ class WindowLearner(Trainer):
         self.lost = LostGradients()
         self.schedule = Schedule(config.iterations, config.again, self.mdp.episode_steps / self.horizon)
         self.returns_to: list[list[int]] = []
+        self.begun_with: dict[str, torch.Tensor] = {}  # the policy of another run
 
     def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
         """Goes on from a policy of these weights; rates, noise and episode lengths begin as halfway through.
 
-        The policy stays until the critic knows it: see ``listens``.
+        The policy stays until the critic knows it: see ``listens``. At the end it is kept, as of update 0, where what
+        became of it has lost much of what it earns.
         """
         self.policy.load_state_dict(weights)
         self.schedule.learned()
+        if not self.mdp.curriculum:  # which has starts of its own, so that returns tell little
+            self.begun_with = copy.deepcopy(self.policy.state_dict())
 
     @property
     def listens(self) -> int:
@@ -147,7 +153,22 @@ class WindowLearner(Trainer):
                 self._go_back()
         if self.iteration == self.schedule.end:
             self.kept = self.schedule.conclude(self.policy, self._earned, self.failed_trials)
+            if self.begun_with and self.iteration == self.schedule.end:
+                self._keep_what_was_better()
         return metrics
+
+    def _keep_what_was_better(self) -> None:
+        """Gives the policy the weights that it began with, where noise and rates have cost it much of their return.
+
+        Much is as for returns that fall late: the share LOST of it, or of what it is above that of no action.
+        """
+        own, earned = copy.deepcopy(self.policy.state_dict()), self._earned()
+        self.policy.load_state_dict(self.begun_with)
+        before, idle = self._earned(), float(without_action(self._tried(), self.model).returns.mean())
+        if before - earned > LOST * max(abs(before), before - idle):
+            self.kept = 0
+        else:
+            self.policy.load_state_dict(own)
 
     @property
     def further(self) -> int:

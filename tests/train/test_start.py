@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,6 +60,23 @@ def test_it_observes_as_many_last_actions_as_the_policy_it_begins_with(
     assert made.policy.architecture.last_actions == count
     if count >= 2:
         made.begin_with(carried_over(str(tmp_path / "run"), made.policy.architecture))
+
+
+@pytest.mark.parametrize(("rate", "kept"), [(3.0, 0), (0.0, None)])
+def test_a_policy_that_loses_by_going_on_is_kept(rate: float, kept: int | None, tmp_path: Path) -> None:
+    """Steps far too long ruin one that holds the block in the middle; of two that are as good the last is kept."""
+    model, mdp = ComplementarityModel(slider.scene(tmp_path)), slider.mdp()
+    good = SHAC(mdp, model, replace(SMALL, iterations=60))
+    for _ in range(60):
+        good.update()
+    before = copy.deepcopy(good.policy.state_dict())
+    going_on = SHAC(mdp, model, replace(SMALL, actor_rate=rate, discount=0.5, iterations=12))
+    going_on.begin_with(before)
+    for _ in range(12):
+        going_on.update()
+    assert going_on.kept == kept
+    same = [torch.equal(value, before[name]) for name, value in going_on.policy.state_dict().items()]
+    assert all(same) == (kept == 0)
 
 
 def test_schedules_begin_halfway_also_after_a_restart(tmp_path: Path) -> None:
