@@ -25,7 +25,7 @@ from cmbrl.bench.peers.mujoco_model import GROUPS, robot_model, with_parameters
 from cmbrl.data.estimation import estimated
 from cmbrl.data.position_log import PositionLog
 from cmbrl.files import write_json
-from cmbrl.models.observation import Observation
+from cmbrl.models.between.observation import Observation
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Parameter
 

@@ -19,8 +19,8 @@ import torch
 
 from cmbrl import ComplementarityModel, Scene, Transitions
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.models.ensemble import NeuralEnsemble
 from cmbrl.models.named import load_complementarity
+from cmbrl.models.neural.ensemble import NeuralEnsemble
 from cmbrl.models.protocol import rollout
 
 STEPS, EVERY, PUSH = 20, 3, 20.0  # PUSH in m/s^2

@@ -21,7 +21,7 @@ from cmbrl.cli.argument_types import assignment, seed
 from cmbrl.cli.main import COMMANDS, main
 from cmbrl.cli.parser import Parser, resolved
 from cmbrl.errors import UserError
-from cmbrl.models.ensemble import NeuralEnsemble
+from cmbrl.models.neural.ensemble import NeuralEnsemble
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 # Packages of the extras, as they are imported.

@@ -21,12 +21,12 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.envs.episode import play_episode
 from cmbrl.envs.evaluation import evaluate_model, evaluate_real
 from cmbrl.envs.system_batch import SystemBatch
-from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.registry import load_task
 from cmbrl.system import MujocoSystem
-from cmbrl.train.checkpoint import load_state
-from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.policy_file import load_policy, save_policy
+from cmbrl.train.policies.file import load_policy, save_policy
+from cmbrl.train.policies.policy import Architecture, Policy
+from cmbrl.train.running.checkpoint import load_state
 
 from .conftest import Refused
 

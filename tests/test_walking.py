@@ -13,8 +13,8 @@ from cmbrl import Scene, UserError
 from cmbrl.cli import main
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.named import nominal_model
+from cmbrl.models.native_step.stepper import SplitStepper
 from cmbrl.models.source import load_source
-from cmbrl.models.stepper import SplitStepper
 from cmbrl.scene.drives import Drive
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC

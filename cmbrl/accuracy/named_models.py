@@ -19,7 +19,7 @@ from cmbrl.registry import is_task, load_task
 if TYPE_CHECKING:
     from cmbrl.data import Transitions
     from cmbrl.models.complementarity import ComplementarityModel
-    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.neural.ensemble import NeuralEnsemble
     from cmbrl.models.protocol import Model
     from cmbrl.registry import Task
     from cmbrl.scene import Scene
@@ -81,7 +81,7 @@ def build_models(
     where a net was trained for another step.
     """
     from cmbrl.models.baselines import Ballistic, HoldVelocity
-    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.neural.ensemble import NeuralEnsemble
 
     scene = source.scene
     make: dict[str, Callable[[], Model]] = {

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from cmbrl.envs.evaluation import Evaluation
     from cmbrl.envs.perturbation import Perturbation, Simulator
     from cmbrl.mdp import MDP
-    from cmbrl.train.saved import Trained
+    from cmbrl.train.policies.saved import Trained
 
 EXAMPLE = """
 cmbrl evaluate runs/policy                      # in the real system and the model
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.envs.perturbation import Perturbation, perturbed
     from cmbrl.envs.promised import lacking
     from cmbrl.train.models import REAL, check_model, load_model
-    from cmbrl.train.saved import Trained
+    from cmbrl.train.policies.saved import Trained
 
     word = arguments.model
     if word == REAL:

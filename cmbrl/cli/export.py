@@ -27,9 +27,9 @@ def run(arguments: argparse.Namespace) -> None:
     for path in files:
         check_writable(path)
 
-    from cmbrl.train.export import export_onnx, export_torchscript
-    from cmbrl.train.policy_file import load_policy
-    from cmbrl.train.run_texts import last_actions_text
+    from cmbrl.train.policies.export import export_onnx, export_torchscript
+    from cmbrl.train.policies.file import load_policy
+    from cmbrl.train.running.texts import last_actions_text
 
     policy = load_policy(arguments.policy).policy
     if arguments.onnx:

@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cmbrl.envs.clip import check_clip_path
     from cmbrl.envs.of_task import real_system
     from cmbrl.train.models import REAL, check_model, load_model
-    from cmbrl.train.saved import Trained
+    from cmbrl.train.policies.saved import Trained
 
     if arguments.model == REAL:
         raise UserError("--model real: `real` is not a model, and is always shown; name a model or drop --model")

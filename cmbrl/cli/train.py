@@ -30,7 +30,7 @@ from cmbrl.files import file_digest, read_json
 from cmbrl.runs import CONFIGURATION, alone_in, usable_cores, write_run
 
 if TYPE_CHECKING:
-    from cmbrl.train.run import Outcome
+    from cmbrl.train.running.run import Outcome
     from cmbrl.train.trainer import Trainer
 
 EXAMPLE = """
@@ -128,8 +128,8 @@ def _shown(value: Any) -> str:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from cmbrl.train.policy_file import load_policy
-    from cmbrl.train.saved import check_motion
+    from cmbrl.train.policies.file import load_policy
+    from cmbrl.train.policies.saved import check_motion
     from cmbrl.train.setup import set_up
 
     settings = dict(arguments.set)
@@ -170,8 +170,8 @@ def run(arguments: argparse.Namespace) -> int:
     import torch
 
     from cmbrl.train.models import NOMINAL
-    from cmbrl.train.run import INTERRUPTED, RESULT, TrainingRun
-    from cmbrl.train.sources import sources
+    from cmbrl.train.running.run import INTERRUPTED, RESULT, TrainingRun
+    from cmbrl.train.running.sources import sources
     from cmbrl.train.trainer import Diverged
 
     torch.set_num_threads(1)  # the nets are small, and results must not depend on the number of threads
@@ -206,7 +206,7 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
     ``fitted``: whether it was trained on a fit; ``loop``: which it made itself.
     """
     from cmbrl.envs.trials import foretold, unlearned
-    from cmbrl.train.run_texts import commands_text, progress_text
+    from cmbrl.train.running.texts import commands_text, progress_text
 
     print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
     if conditions := trainer.conditions():
@@ -243,7 +243,7 @@ def _early(model: Any) -> str:
 
 def _check_resumed(out: Path, resume: bool, wanted: dict[str, Any]) -> None:
     """Raises UserError unless ``out`` is free, or holds a run of the same options that is to be resumed."""
-    from cmbrl.train.run import CHECKPOINT
+    from cmbrl.train.running.run import CHECKPOINT
 
     check_folder(out, "train", (out / CHECKPOINT).exists(), resume)
     if not resume:

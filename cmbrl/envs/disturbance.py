@@ -10,9 +10,9 @@ import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError, did_you_mean
+from cmbrl.models.between.robots import Wraps
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import HasCoordinates, Model
-from cmbrl.models.robots import Wraps
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene

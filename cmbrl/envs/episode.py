@@ -11,9 +11,9 @@ from torch import Tensor
 
 from cmbrl.envs.evaluation import Actor
 from cmbrl.mdp import MDP
+from cmbrl.models.between.robots import Robots
+from cmbrl.models.native_step.result import SolverWarning
 from cmbrl.models.protocol import Model
-from cmbrl.models.robots import Robots
-from cmbrl.models.step_result import SolverWarning
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,9 @@ from cmbrl.envs.drawing import Drawer
 from cmbrl.envs.spaces import action_space, check_render_mode, observation_space
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
+from cmbrl.models.between.robots import Robots
+from cmbrl.models.native_step.result import SolverWarning
 from cmbrl.models.protocol import Model, forget
-from cmbrl.models.robots import Robots
-from cmbrl.models.step_result import SolverWarning
 
 try:
     import gymnasium

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from cmbrl.mdp import MDP, Total
-from cmbrl.models.robots import wiring_of
+from cmbrl.models.between.robots import wiring_of
 
 MOST = 100  #: last actions
 SLIGHT = 0.05  # of a control step: a fit's delay is not known to less, and so late an action is nearly in time

@@ -13,9 +13,9 @@ from torch import Tensor
 
 from cmbrl.envs.disturbance import Disturbance
 from cmbrl.mdp import MDP
+from cmbrl.models.between.robots import Robots
+from cmbrl.models.native_step.result import SolverWarning
 from cmbrl.models.protocol import Model, forget, model_state, restore_model
-from cmbrl.models.robots import Robots
-from cmbrl.models.step_result import SolverWarning
 
 FASTEST = 1e4  #: m/s or rad/s; a row beyond is lost, as a window of a fit is
 

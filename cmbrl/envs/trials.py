@@ -23,9 +23,9 @@ from torch import Tensor
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_model
 from cmbrl.mdp import MDP
+from cmbrl.models.between.robots import Wraps
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.protocol import HasLawOfSliding, Model
-from cmbrl.models.robots import Wraps
 from cmbrl.scene import Scene
 from cmbrl.scene.records import JointKind
 

@@ -25,8 +25,8 @@ from cmbrl.excitation.commands import Ranges, Tones, joint_limits
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.fitting.search.loss_values import ALIKE
+from cmbrl.models.between.robots import Robots
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.robots import Robots
 from cmbrl.models.windows import Scales
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind

@@ -36,7 +36,7 @@ from cmbrl.fitting.search.random_search import random_search
 from cmbrl.fitting.search.unseen import held_out_rows
 from cmbrl.fitting.standing import GAUSS_NEWTON
 from cmbrl.fitting.state import Journal
-from cmbrl.models.between import AHEAD, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, OFFSET
+from cmbrl.models.between.parameters import AHEAD, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, OFFSET
 
 SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}
 INTERRUPTED = "interrupted"

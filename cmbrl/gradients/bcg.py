@@ -20,7 +20,7 @@ from cmbrl.gradients.offsets import ContactOffsets
 from cmbrl.models.around import Around
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates
-from cmbrl.models.step_result import SolverWarning
+from cmbrl.models.native_step.result import SolverWarning
 
 
 @dataclass(frozen=True)

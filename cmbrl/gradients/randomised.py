@@ -11,7 +11,7 @@ from torch import Tensor
 from cmbrl.errors import UserError
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.manifold import Coordinates
-from cmbrl.models.stepper import TangentMap
+from cmbrl.models.native_step.stepper import TangentMap
 from cmbrl.native import SolverStatus
 
 

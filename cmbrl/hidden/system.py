@@ -19,7 +19,8 @@ class HiddenSystem:
     """MuJoCo as a :class:`cmbrl.system.Simulated`, which tells measured states and keeps the true ones in ``path``.
 
     The states are those of ``joints``, names or numbers, in the file's order. Before the first command of an episode
-    arrives, motors are off and position servos hold that command, as models have it (:mod:`cmbrl.models.wiring`).
+    arrives, motors are off and position servos hold that command, as models have it
+    (:mod:`cmbrl.models.between.wiring`).
     """
 
     def __init__(

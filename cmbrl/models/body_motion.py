@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.models.stepper import TangentMap
-from cmbrl.models.transforms import apart, dual, flat, transforms
+from cmbrl.models.native_step.stepper import TangentMap
+from cmbrl.models.native_step.transforms import apart, dual, flat, transforms
 from cmbrl.native import Core
 from cmbrl.scene import Scene
 

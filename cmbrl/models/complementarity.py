@@ -13,14 +13,14 @@ from cmbrl.contact.smoothing import Smoothing
 from cmbrl.errors import UserError
 from cmbrl.models import theta as physical
 from cmbrl.models.activations import Activations
-from cmbrl.models.autograd import check_tensors, differentiable_step
-from cmbrl.models.log_reading import LogReading
+from cmbrl.models.between.log_reading import LogReading
 from cmbrl.models.log_windows import LogWindows
 from cmbrl.models.manifold import Coordinates
-from cmbrl.models.quantities import Quantities
-from cmbrl.models.step_result import SolverWarning, StepResult
+from cmbrl.models.native_step.autograd import check_tensors, differentiable_step
+from cmbrl.models.native_step.quantities import Quantities
+from cmbrl.models.native_step.result import SolverWarning, StepResult
+from cmbrl.models.native_step.stepper import Stepper
 from cmbrl.models.step_settings import StepSettings, read_config
-from cmbrl.models.stepper import Stepper
 from cmbrl.models.variations import Variations
 from cmbrl.native import SolverStatus
 from cmbrl.numbers import real_array, switch, whole
@@ -66,9 +66,9 @@ class ComplementarityModel(Variations, LogWindows, LogReading, Quantities):
         candidates: (K, np) parameter sets that explain the data about as well as ``parameters``, for training or
             evaluation under model uncertainty; stepping ignores them. (K, np + n): they end with what lies between a
             log and each of them, in the order of ``observer.parameters``.
-        observation: biases, delay and lag by name (:class:`~cmbrl.models.observation.Observation`) that lie between a
-            log and this model; stepping ignores them, ``seen`` applies them to a log, and processes on this model run
-            through them (``wiring``).
+        observation: biases, delay and lag by name (:class:`~cmbrl.models.between.observation.Observation`) that lie
+            between a log and this model; stepping ignores them, ``seen`` applies them to a log, and processes on this
+            model run through them (``wiring``).
 
     Raises:
         UserError: for a setting out of range.

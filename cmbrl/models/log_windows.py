@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cmbrl.models.stepper import Stepper
+from cmbrl.models.native_step.stepper import Stepper
 from cmbrl.models.windows import Windows
 from cmbrl.numbers import real_array
 from cmbrl.scene import Scene

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import read_record
-from cmbrl.models.ensemble_config import ENSEMBLE
+from cmbrl.models.neural.config import ENSEMBLE
 
 if TYPE_CHECKING:
     import numpy as np
 
     from cmbrl.contact.smoothing import Smoothing
     from cmbrl.models.complementarity import ComplementarityModel
-    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.neural.ensemble import NeuralEnsemble
     from cmbrl.models.residual import ResidualModel
     from cmbrl.registry import Task
     from cmbrl.scene import Scene
@@ -104,7 +104,7 @@ def saved_model(
         return _with_residual(folder, model)
     if smoothing is not None:
         raise UserError(f"{folder}: smoothing does not apply to an ensemble; drop it")
-    from cmbrl.models.ensemble import NeuralEnsemble
+    from cmbrl.models.neural.ensemble import NeuralEnsemble
 
     return NeuralEnsemble.load(folder)
 

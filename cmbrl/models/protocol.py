@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 import torch
 from torch import Tensor
 
-from cmbrl.models.integral import own_integral
+from cmbrl.models.between.integral import own_integral
 
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions

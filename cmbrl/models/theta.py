@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.models.observation import Observation
+from cmbrl.models.between.observation import Observation
 from cmbrl.numbers import real, real_array, shown
 from cmbrl.scene import Scene
 

@@ -13,10 +13,10 @@ import numpy as np
 from cmbrl.contact.smoothing import Exact, Smoothing
 from cmbrl.data.checks import TIME_STEP_TOLERANCE
 from cmbrl.errors import UserError
+from cmbrl.models.native_step.stepper import SplitStepper, Stepper
 from cmbrl.models.protocol import OtherLaw
 from cmbrl.models.step_choices import usual_integrator
 from cmbrl.models.step_settings import INTEGRATORS, RK4, StepSettings
-from cmbrl.models.stepper import SplitStepper, Stepper
 from cmbrl.scene import Scene
 
 

@@ -30,8 +30,8 @@ class Algorithm:
     """``place`` is "module:Trainer:Config"; ``models`` the kinds that it can train on, the default first.
 
     ``base``: the algorithm that it trains policies by; what a task sets for that one holds here too. ``measures``:
-    its windows are shortened where the task's derivatives grow (`cmbrl.train.growth`). ``goes_on``: it can begin with
-    another run's policy. ``differentiates``: it follows derivatives of the task's reward.
+    its windows are shortened where the task's derivatives grow (`cmbrl.train.windows.growth`). ``goes_on``: it can
+    begin with another run's policy. ``differentiates``: it follows derivatives of the task's reward.
     """
 
     place: str

@@ -9,9 +9,9 @@ from typing import Any
 from torch import nn
 
 from cmbrl.settings import setting
-from cmbrl.train import stable_baselines as sb3
-from cmbrl.train.baseline import Baseline
-from cmbrl.train.policy import Architecture
+from cmbrl.train.policies.policy import Architecture
+from cmbrl.train.rivals import stable_baselines as sb3
+from cmbrl.train.rivals.baseline import Baseline
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from cmbrl.envs.trials import LAWS, failed, stands, trials, without_action
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.train.policy import Policy
+from cmbrl.train.policies.policy import Policy
 
 
 def judged(policy: Policy, mdp: MDP, model: ComplementarityModel, episodes: int, seed: int) -> dict[str, float]:

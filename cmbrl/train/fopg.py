@@ -24,10 +24,10 @@ from cmbrl.gradients.score import leave_one_out
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
-from cmbrl.train.critic import BETAS, check_discount
-from cmbrl.train.policy import Architecture
-from cmbrl.train.window_config import WindowConfig, decayed
-from cmbrl.train.windows import WindowLearner
+from cmbrl.train.policies.policy import Architecture
+from cmbrl.train.windows.config import WindowConfig, decayed
+from cmbrl.train.windows.critic import BETAS, check_discount
+from cmbrl.train.windows.learner import WindowLearner
 
 ESTIMATORS = ("pathwise", "zeroth", "aobg", "pipps")
 PLAIN_BETAS = (0.9, 0.999)  # of Adam where there is no critic

@@ -22,14 +22,14 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.envs.recording import Recording, outcome
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
-from cmbrl.models.ensemble import NeuralEnsemble
+from cmbrl.models.neural.ensemble import NeuralEnsemble
 from cmbrl.system import SystemFactory
-from cmbrl.train import stable_baselines as sb3
-from cmbrl.train.branching import branch
 from cmbrl.train.mbpo_config import MBPOConfig
-from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.pool import Mixture, Pool
+from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.randomness import GlobalRandomness
+from cmbrl.train.rivals import stable_baselines as sb3
+from cmbrl.train.rivals.branching import branch
+from cmbrl.train.rivals.pool import Mixture, Pool
 from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
 
 NO_ACTIONS = "the log's controls are not this task's actions: it teaches the ensemble, and no batch has rows of it"

@@ -54,8 +54,8 @@ def load_model(
     """
     from cmbrl.contact.smoothing import Relaxed, parse_smoothing
     from cmbrl.models.complementarity import ComplementarityModel
-    from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
     from cmbrl.models.named import holds_fit, named_model, nominal_model
+    from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
 
     if smoothing is not None and kind_of(word) not in (kinds.CONTACT, kinds.RESIDUAL):
         raise UserError(f"--smoothing does not apply to an ensemble ({word}): drop it")

@@ -5,10 +5,10 @@ below, ``Task.training``, and the caller's changes (``--set``). Nothing depends 
 
 The rules were chosen so that one set of numbers gives both settings that were tuned by hand, those of the hopper (8 ms
 control steps) and of the half-cheetah (50 ms): a window of 32 and of 10 steps, 64 and 256 episodes, a discount of .995
-and of .99. How fast derivatives grow is measured on the task's nominal model (`cmbrl.train.growth`): it shortens the
-windows of the walker to 9 steps and of the ant to 4. With the lengths of hopper and half-cheetah both learn far more
-slowly: one seed each, the walker earned 850 in training after 650 updates of 32 steps and 1,470 after as many of 8, the
-ant, in 200 steps, 90 after 225 updates of 10 steps and 440 after as many of 5.
+and of .99. How fast derivatives grow is measured on the task's nominal model (`cmbrl.train.windows.growth`): it
+shortens the windows of the walker to 9 steps and of the ant to 4. With the lengths of hopper and half-cheetah both
+learn far more slowly: one seed each, the walker earned 850 in training after 650 updates of 32 steps and 1,470 after as
+many of 8, the ant, in 200 steps, 90 after 225 updates of 10 steps and 440 after as many of 5.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def measured(task: Task, settings: Settings) -> Settings:
     Windows end where derivatives grow, and noise is in proportion to what moves slowly.
     """
     from cmbrl.models.named import nominal_model
-    from cmbrl.train.growth import random_motion
+    from cmbrl.train.windows.growth import random_motion
 
     mdp = decision_process(task)
     most = round(settings["window"] / mdp.dt)

@@ -19,7 +19,7 @@ from cmbrl.train.models import NOMINAL, REAL, check_model, kind_of, load_model, 
 from cmbrl.train.recipe import configure
 from cmbrl.train.start import carried_over, with_actions_of
 from cmbrl.train.trainer import Trainer
-from cmbrl.train.windows import WindowLearner
+from cmbrl.train.windows.learner import WindowLearner
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,12 @@ from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
-from cmbrl.train.critic import BETAS, Critic, check_discount, finite
-from cmbrl.train.lost_gradients import MOST, LostGradients, Usable
-from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.trust import bounded_step
-from cmbrl.train.window_config import WindowConfig, decayed
-from cmbrl.train.windows import WindowLearner
+from cmbrl.train.policies.policy import Architecture, Policy
+from cmbrl.train.windows.config import WindowConfig, decayed
+from cmbrl.train.windows.critic import BETAS, Critic, check_discount, finite
+from cmbrl.train.windows.learner import WindowLearner
+from cmbrl.train.windows.lost_gradients import MOST, LostGradients, Usable
+from cmbrl.train.windows.trust import bounded_step
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ from cmbrl.envs.history import observed
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
-from cmbrl.train.policy import Architecture
-from cmbrl.train.policy_file import load_policy
-from cmbrl.train.run_texts import last_actions_text
-from cmbrl.train.window_config import WindowConfig
+from cmbrl.train.policies.file import load_policy
+from cmbrl.train.policies.policy import Architecture
+from cmbrl.train.running.texts import last_actions_text
+from cmbrl.train.windows.config import WindowConfig
 
 _OPTIONS = {"hidden": "actor_hidden"}  # of --set
 _SIZES = ("observations", "last_actions")

@@ -15,7 +15,7 @@ import torch
 from cmbrl.envs.simulation import Simulation
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
-from cmbrl.train.policy import Policy
+from cmbrl.train.policies.policy import Policy
 
 
 class Diverged(UserError):

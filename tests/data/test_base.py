@@ -12,8 +12,10 @@ import pytest
 import cmbrl
 from cmbrl.data import plausible
 from cmbrl.data.estimation import estimated
-from cmbrl.data.importing import Frames, Options, base_clock, import_logs, standing_clock
-from cmbrl.data.importing.base_clock import Course, Offset, offset
+from cmbrl.data.importing import Frames, Options, import_logs
+from cmbrl.data.importing.base import clock as base_clock
+from cmbrl.data.importing.base import standing_clock
+from cmbrl.data.importing.base.clock import Course, Offset, offset
 from cmbrl.data.position_file import fields_of
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.smoothing import smooth_rotations

@@ -12,7 +12,7 @@ import pytest
 import cmbrl
 from cmbrl.data.drive import controls
 from cmbrl.data.importing import import_logs
-from cmbrl.data.importing.targets import Target, match
+from cmbrl.data.importing.columns.targets import Target, match
 from cmbrl.data.position_log import PositionLog
 from cmbrl.errors import UserError
 from cmbrl.fitting.log.evidence import Evidence

@@ -11,8 +11,8 @@ import pytest
 
 from cmbrl import UserError
 from cmbrl.data.importing import Imported, import_logs
-from cmbrl.data.importing.named_units import normal, split
-from cmbrl.data.importing.targets import Target, match
+from cmbrl.data.importing.columns.named_units import normal, split
+from cmbrl.data.importing.columns.targets import Target, match
 from cmbrl.data.position_log import PositionLog
 from cmbrl.scene import Scene
 

@@ -12,8 +12,8 @@ import pytest
 from cmbrl import Transitions, UserError
 from cmbrl.cli.main import main
 from cmbrl.data.importing import Frames, Imported, Options, import_logs
+from cmbrl.data.importing.columns.targets import Target, match
 from cmbrl.data.importing.grid import Counts, Series, clean, to_grid, usual_step
-from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.velocities import smoothed
 from cmbrl.data.plausible.frames import to_world
 from cmbrl.data.position_log import PositionLog

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cmbrl.data.importing import Options, base_clock, import_logs
-from cmbrl.data.importing.base_clock import Course, offset
+from cmbrl.data.importing import Options, import_logs
+from cmbrl.data.importing.base import clock as base_clock
+from cmbrl.data.importing.base.clock import Course, offset
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene

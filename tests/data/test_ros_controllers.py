@@ -142,6 +142,6 @@ def test_a_bag_that_does_not_define_its_types(
 ) -> None:
     store = store_with(UNITREE)
     bag = write(tmp_path / "bag", store, low_level(arm, store, np.full(ROWS, 40.0)))
-    monkeypatch.setattr("cmbrl.data.importing.rosbag._defined", lambda reader, kind: False)
+    monkeypatch.setattr("cmbrl.data.importing.readers.rosbag._defined", lambda reader, kind: False)
     with pytest.raises(UserError, match=r"/lowcmd \(unitree_go/msg/LowCmd\), .* does not define: convert it to MCAP"):
         import_logs([bag], arm.scene, Options(joints=JOINTS))

@@ -11,8 +11,8 @@ import pytest
 
 from cmbrl import UserError
 from cmbrl.data.importing import import_logs
-from cmbrl.data.importing.base import mapping_of
-from cmbrl.data.importing.trajectories import STEP, Plan, followed
+from cmbrl.data.importing.base.capture import mapping_of
+from cmbrl.data.importing.readers.trajectories import STEP, Plan, followed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.scene import Scene
 

@@ -252,7 +252,7 @@ def test_stamps_of_arrival_are_told(stands: SimpleNamespace, tmp_path: Path) -> 
 
 
 def test_names_of_a_base(stands: SimpleNamespace) -> None:
-    from cmbrl.data.importing.targets import match
+    from cmbrl.data.importing.columns.targets import match
 
     names = ["imu_quat_w", "base_qx", "/odom/pose/pose/orientation/y", "pos_x", "position.z", "foot_x", "quat_z", "w"]
     found = {name: target.quantity for name, target in match(names, {}, stands.scene).items()}

@@ -10,8 +10,8 @@ import pytest
 
 from cmbrl import UserError
 from cmbrl.data.importing import Options, import_logs
-from cmbrl.data.importing.base import mapping_of
-from cmbrl.data.importing.whole_arrays import by_column
+from cmbrl.data.importing.base.capture import mapping_of
+from cmbrl.data.importing.columns.whole_arrays import by_column
 from cmbrl.data.position_log import PositionLog
 from cmbrl.scene import Scene
 

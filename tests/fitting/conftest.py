@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from cmbrl.data.transitions import Transitions
+from cmbrl.models.between.observation import Observation
 from cmbrl.models.log_windows import Predicted
-from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
 from cmbrl.models.windows import huber as huber_loss
 from cmbrl.scene.layout import Layout

@@ -11,7 +11,7 @@ import cmbrl
 from cmbrl.accuracy.open_loop import simulate
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.models.begun import Begun
+from cmbrl.models.between.begun import Begun
 
 from .servo_arm import AHEAD, QUICK, H, arm, recorded
 

@@ -12,7 +12,7 @@ import cmbrl
 from cmbrl.accuracy.open_loop import simulate
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.models.robots import Robots
+from cmbrl.models.between.robots import Robots
 
 from .servo_arm import QUICK
 from .test_dead_zone import DT, arm, recorded

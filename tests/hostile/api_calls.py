@@ -171,7 +171,7 @@ def _changed(value: np.ndarray | torch.Tensor, change: str) -> Any:
 
 def _use(call: Callable[..., Any], arguments: dict[str, Any]) -> str:
     """The call, and the next state finite or marked as failed."""
-    from cmbrl.models.step_result import StepResult
+    from cmbrl.models.native_step.result import StepResult
     from cmbrl.native import SolverStatus
 
     found = call(**arguments)

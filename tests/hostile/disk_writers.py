@@ -37,8 +37,8 @@ WRITERS = {
 def inputs(place: Path) -> None:
     """What the commands read, in place/in."""
     from cmbrl.registry import load_task
-    from cmbrl.train.policy import Architecture, Policy
-    from cmbrl.train.policy_file import save_policy
+    from cmbrl.train.policies.file import save_policy
+    from cmbrl.train.policies.policy import Architecture, Policy
 
     recorded = load_task("hopper").record(120, seed=0)
     recorded.save(place / "in" / "log.npz")

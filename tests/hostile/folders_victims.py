@@ -123,8 +123,8 @@ def play(place: Path) -> Any:
 
 def make_ensemble(place: Path, seed: int) -> None:
     from cmbrl.data import Transitions
-    from cmbrl.models.ensemble import NeuralEnsemble
-    from cmbrl.models.ensemble_config import EnsembleConfig
+    from cmbrl.models.neural.config import EnsembleConfig
+    from cmbrl.models.neural.ensemble import NeuralEnsemble
     from cmbrl.registry import load_task
 
     data = Transitions.load(log(place))

@@ -83,8 +83,8 @@ def test_files_that_belong_together_change_together(tmp_path: Path, monkeypatch:
     """A policy's two files: where the second does not fit on the disk, the first stays as it was."""
     import torch
 
-    from cmbrl.train.policy import Architecture, Policy
-    from cmbrl.train.policy_file import load_policy, save_policy
+    from cmbrl.train.policies.file import load_policy, save_policy
+    from cmbrl.train.policies.policy import Architecture, Policy
 
     policy = Policy(Architecture(3, 2, (4,)))
     save_policy(policy, tmp_path, {"task": "a"})

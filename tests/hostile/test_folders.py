@@ -103,7 +103,7 @@ def test_a_checkpoint_with_an_optimiser_of_another_shape_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     pytest.importorskip("gymnasium")
-    from cmbrl.train.checkpoint import load_state, save_state
+    from cmbrl.train.running.checkpoint import load_state, save_state
 
     victims.make_train(tmp_path, 0)
     file = tmp_path / "victim" / "checkpoint.safetensors"

@@ -12,7 +12,7 @@ from cmbrl.envs.simulation import Simulation
 from cmbrl.imitation.starts import UNIFORM, Starts
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
-from cmbrl.train.run import TrainingRun
+from cmbrl.train.running.run import TrainingRun
 from cmbrl.train.setup import set_up
 
 FRAMES, DT = 500, 0.02

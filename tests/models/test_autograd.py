@@ -12,7 +12,7 @@ from cmbrl import UserError
 from cmbrl.bench.states import Ranges, random_states
 from cmbrl.contact import Barrier
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.step_result import SolverWarning
+from cmbrl.models.native_step.result import SolverWarning
 from cmbrl.scene import Scene
 
 from ..scene.conftest import GYMNASIUM

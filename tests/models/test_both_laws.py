@@ -14,8 +14,8 @@ from cmbrl.contact.smoothing import Exact, Relaxed
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
 from cmbrl.models.both_laws import under_both_laws
+from cmbrl.models.native_step.stepper import SplitStepper
 from cmbrl.models.protocol import failures
-from cmbrl.models.stepper import SplitStepper
 from cmbrl.train.shac import SHAC, SHACConfig
 
 from ..train import slider

@@ -15,7 +15,7 @@ from cmbrl.bench.states import Ranges, random_states
 from cmbrl.contact import Barrier, Gaussian
 from cmbrl.models.baselines import Ballistic
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.ensemble import NeuralEnsemble
+from cmbrl.models.neural.ensemble import NeuralEnsemble
 from cmbrl.models.protocol import Model
 from cmbrl.scene import Scene
 

@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from cmbrl import Scene, Transitions, UserError
-from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
-from cmbrl.models.ensemble_network import EnsembleNetwork
+from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.neural.network import EnsembleNetwork
 
 DT = 0.02
 WORLD = """<mujoco><worldbody><geom type="plane" size="5 5 .1"/>

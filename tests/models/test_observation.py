@@ -7,8 +7,8 @@ import pytest
 
 from cmbrl import ComplementarityModel, Transitions, UserError
 from cmbrl.fitting.search.space import Space
-from cmbrl.models.late import late_response, response
-from cmbrl.models.observation import Observation
+from cmbrl.models.between.late import late_response, response
+from cmbrl.models.between.observation import Observation
 from cmbrl.scene import Scene
 
 ARM = """

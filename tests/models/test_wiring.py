@@ -10,10 +10,10 @@ from cmbrl import ComplementarityModel, Scene, Transitions
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP, never
-from cmbrl.models.observation import Observation
+from cmbrl.models.between.observation import Observation
+from cmbrl.models.between.robots import Robots, wiring_of
+from cmbrl.models.between.wiring import Wiring
 from cmbrl.models.protocol import rollout
-from cmbrl.models.robots import Robots, wiring_of
-from cmbrl.models.wiring import Wiring
 
 DT = 0.01
 ARM = """

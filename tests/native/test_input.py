@@ -13,7 +13,7 @@ from cmbrl.bench.states import Ranges, random_states
 from cmbrl.contact import Barrier
 from cmbrl.data.transitions import Transitions
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.step_result import SolverWarning
+from cmbrl.models.native_step.result import SolverWarning
 from cmbrl.models.windows import Scales, Windows
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene

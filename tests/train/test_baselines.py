@@ -14,9 +14,9 @@ import torch
 from cmbrl import ComplementarityModel, UserError
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.train.ars import ARS, ARSConfig
-from cmbrl.train.baseline import Baseline
-from cmbrl.train.checkpoint import load_state, save_state
 from cmbrl.train.ppo import PPO, PPOConfig
+from cmbrl.train.rivals.baseline import Baseline
+from cmbrl.train.running.checkpoint import load_state, save_state
 from cmbrl.train.sac import SAC, SACConfig
 
 from . import slider

@@ -12,7 +12,7 @@ import torch
 from torch import nn
 
 from cmbrl.errors import UserError
-from cmbrl.train.checkpoint import load_state, save_state
+from cmbrl.train.running.checkpoint import load_state, save_state
 
 
 def same(a: Any, b: Any) -> bool:

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from cmbrl.train.clock import RunClock
+from cmbrl.train.running.clock import RunClock
 
 
 def test_a_run_that_is_continued_counts_what_its_parts_took_and_not_what_lay_between(

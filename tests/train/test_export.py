@@ -10,8 +10,8 @@ import torch
 
 from cmbrl.data.behaviour import load_policy
 from cmbrl.errors import UserError
-from cmbrl.train import export
-from cmbrl.train.policy import ACTIVATIONS, Architecture, Policy
+from cmbrl.train.policies import export
+from cmbrl.train.policies.policy import ACTIVATIONS, Architecture, Policy
 
 FORMS = [
     Architecture(5, 2, (16, 8)),

@@ -19,7 +19,7 @@ from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.train.fopg import ESTIMATORS, FOPG, FOPGConfig
 from cmbrl.train.models import with_derivative
-from cmbrl.train.policy import network
+from cmbrl.train.policies.policy import network
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Diverged, Trainer
 

@@ -22,13 +22,13 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.fit import fit
 from cmbrl.registry import load_task
-from cmbrl.train.export import export_torchscript
 from cmbrl.train.fopg import FOPG, FOPGConfig
 from cmbrl.train.loop import Loop
 from cmbrl.train.loop_config import LoopConfig
-from cmbrl.train.policy import Architecture, Policy, observed_by
-from cmbrl.train.policy_file import load_policy
-from cmbrl.train.run import RESULT, TrainingRun
+from cmbrl.train.policies.export import export_torchscript
+from cmbrl.train.policies.file import load_policy
+from cmbrl.train.policies.policy import Architecture, Policy, observed_by
+from cmbrl.train.running.run import RESULT, TrainingRun
 from cmbrl.train.shac import SHAC, SHACConfig
 
 from . import slider

@@ -19,7 +19,7 @@ from cmbrl.registry import load_task
 from cmbrl.scene.writing.played import gaps_of
 from cmbrl.train.loop import Loop
 from cmbrl.train.loop_config import LoopConfig
-from cmbrl.train.run import TrainingRun
+from cmbrl.train.running.run import TrainingRun
 from cmbrl.train.setup import set_up
 
 pytest.importorskip("gymnasium", reason="the hopper's real system is Gymnasium's MJCF")

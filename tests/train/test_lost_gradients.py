@@ -9,10 +9,10 @@ import torch
 
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.train.fopg import FOPG, FOPGConfig
-from cmbrl.train.lost_gradients import LostGradients, without_derivative
-from cmbrl.train.run import TrainingRun
+from cmbrl.train.running.run import TrainingRun
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Diverged
+from cmbrl.train.windows.lost_gradients import LostGradients, without_derivative
 
 from . import slider
 

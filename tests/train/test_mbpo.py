@@ -14,15 +14,15 @@ import torch
 from cmbrl import Transitions, UserError
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.envs.recording import Recording
-from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.registry import load_task
-from cmbrl.train.branching import branch
-from cmbrl.train.checkpoint import load_state, save_state
 from cmbrl.train.mbpo import MBPO
 from cmbrl.train.mbpo_config import MBPOConfig
-from cmbrl.train.pool import Mixture, Pool
 from cmbrl.train.recipe import configure
-from cmbrl.train.run import TrainingRun
+from cmbrl.train.rivals.branching import branch
+from cmbrl.train.rivals.pool import Mixture, Pool
+from cmbrl.train.running.checkpoint import load_state, save_state
+from cmbrl.train.running.run import TrainingRun
 
 from . import slider
 

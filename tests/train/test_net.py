@@ -10,8 +10,8 @@ import torch
 from torch import Tensor, nn
 
 from cmbrl.errors import UserError
-from cmbrl.train.net import Net
-from cmbrl.train.policy import network
+from cmbrl.train.policies.net import Net
+from cmbrl.train.policies.policy import network
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from cmbrl.envs.disturbance import Disturbance
 from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.envs.recording import Recording
 from cmbrl.envs.simulation import Simulation
-from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.train.shac import SHAC, SHACConfig
 
 from . import slider

@@ -6,8 +6,8 @@ import pytest
 import torch
 
 from cmbrl.errors import UserError
-from cmbrl.train.optimiser import PolicyOptimiser
-from cmbrl.train.policy import network
+from cmbrl.train.policies.policy import network
+from cmbrl.train.windows.optimiser import PolicyOptimiser
 
 BETAS = (0.7, 0.95)
 

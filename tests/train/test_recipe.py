@@ -13,13 +13,13 @@ import torch
 from cmbrl.envs.of_task import decision_process
 from cmbrl.errors import UserError
 from cmbrl.models.named import nominal_model
-from cmbrl.models.step_result import SolverWarning
+from cmbrl.models.native_step.result import SolverWarning
 from cmbrl.registry import Task, load_task
 from cmbrl.train.algorithms import ALGORITHMS
-from cmbrl.train.growth import random_motion
 from cmbrl.train.ppo import PPOConfig
 from cmbrl.train.recipe import configure
 from cmbrl.train.shac import SHAC
+from cmbrl.train.windows.growth import random_motion
 
 from . import slider
 

@@ -16,12 +16,12 @@ from matplotlib.image import imread
 
 from cmbrl.errors import UserError
 from cmbrl.registry import load_task
-from cmbrl.train.metrics import read_metrics
-from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.policy_file import load_policy, save_policy
+from cmbrl.train.policies.file import load_policy, save_policy
+from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.randomness import GlobalRandomness
-from cmbrl.train.run import CHECKPOINT, DIVERGED, RESULT, TrainingRun
-from cmbrl.train.run_texts import progress_text
+from cmbrl.train.running.metrics import read_metrics
+from cmbrl.train.running.run import CHECKPOINT, DIVERGED, RESULT, TrainingRun
+from cmbrl.train.running.texts import progress_text
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.trainer import Diverged, Trainer
 
@@ -151,7 +151,7 @@ def test_what_a_trainer_keeps_is_there_before_the_checkpoint(tmp_path: Path, mon
     def killed(*_: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("cmbrl.train.run.save_state", killed)
+    monkeypatch.setattr("cmbrl.train.running.run.save_state", killed)
     with pytest.raises(MemoryError):
         run.train(12)
     assert (tmp_path / "fit").read_text() == "1"

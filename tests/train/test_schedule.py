@@ -11,9 +11,9 @@ import torch
 from cmbrl import ComplementarityModel
 from cmbrl.registry import load_task
 from cmbrl.train.recipe import configure
-from cmbrl.train.run import TrainingRun
-from cmbrl.train.schedule import LEARNED, Schedule
+from cmbrl.train.running.run import TrainingRun
 from cmbrl.train.shac import SHAC, SHACConfig
+from cmbrl.train.windows.schedule import LEARNED, Schedule
 
 from . import slider
 

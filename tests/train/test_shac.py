@@ -11,9 +11,9 @@ import cmbrl
 from cmbrl.envs.evaluation import evaluate_model
 from cmbrl.envs.simulation import Simulation
 from cmbrl.registry import load_task
-from cmbrl.train.lost_gradients import LostGradients
-from cmbrl.train.peak import Peak
 from cmbrl.train.shac import SHAC, SHACConfig, Tamed, at_drive, gradient_variance
+from cmbrl.train.windows.lost_gradients import LostGradients
+from cmbrl.train.windows.peak import Peak
 
 from . import slider
 

@@ -10,8 +10,8 @@ from cmbrl import registry
 from cmbrl.cli.main import main
 from cmbrl.registry import file_of
 from cmbrl.scene.source.physics_digest import physics_digest
+from cmbrl.train.running.sources import sources
 from cmbrl.train.setup import set_up
-from cmbrl.train.sources import sources
 
 from . import slider
 

@@ -11,11 +11,11 @@ import torch
 
 from cmbrl import ComplementarityModel
 from cmbrl.errors import UserError
-from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.policy_file import save_policy
-from cmbrl.train.schedule import LEARNED
+from cmbrl.train.policies.file import save_policy
+from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.start import carried_over, with_actions_of
+from cmbrl.train.windows.schedule import LEARNED
 
 from . import slider
 

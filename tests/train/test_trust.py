@@ -9,9 +9,9 @@ import pytest
 import torch
 from torch.distributions import Independent, Normal, kl_divergence
 
-from cmbrl.train.optimiser import PolicyOptimiser
-from cmbrl.train.policy import Architecture, Policy
-from cmbrl.train.trust import bounded_step
+from cmbrl.train.policies.policy import Architecture, Policy
+from cmbrl.train.windows.optimiser import PolicyOptimiser
+from cmbrl.train.windows.trust import bounded_step
 
 STD = 0.2
 

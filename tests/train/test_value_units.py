@@ -9,9 +9,9 @@ import pytest
 import torch
 
 import cmbrl
-from cmbrl.train.policy import network
+from cmbrl.train.policies.policy import network
 from cmbrl.train.shac import SHAC, SHACConfig
-from cmbrl.train.value_units import SHARE, ValueUnits
+from cmbrl.train.windows.value_units import SHARE, ValueUnits
 
 from . import slider
 

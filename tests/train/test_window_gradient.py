@@ -12,8 +12,8 @@ import cmbrl
 from cmbrl.gradients import derivative_model
 from cmbrl.registry import load_task
 from cmbrl.train import shac
-from cmbrl.train.lost_gradients import LostGradients
 from cmbrl.train.shac import SHAC, SHACConfig
+from cmbrl.train.windows.lost_gradients import LostGradients
 
 pytest.importorskip("gymnasium", reason="the hopper's MJCF is Gymnasium's")
 CONFIG = SHACConfig(environments=16, horizon=24, episode_steps=40, log_std_start=1.0, tame=1.5, clip=float("inf"))

@@ -81,7 +81,7 @@ def _judged(place: Path, home: str, episodes: int) -> dict[str, Any]:
 
     from cmbrl.envs.evaluation import evaluate_model, evaluate_real
     from cmbrl.train.models import load_model
-    from cmbrl.train.saved import Trained
+    from cmbrl.train.policies.saved import Trained
 
     with chdir(home):
         trained = Trained.load(str(place))

@@ -9,32 +9,24 @@ from itertools import zip_longest
 from typing import Any
 
 from cmbrl.data.drive import scene_of
-from cmbrl.data.importing import (
-    base,
-    build,
-    compensation,
-    controls,
-    feet,
-    kept,
-    measured_gains,
-    state,
-    velocities,
-    whereabouts,
-    whole_arrays,
-)
+from cmbrl.data.importing import build, kept, velocities
+from cmbrl.data.importing.base import capture as base
+from cmbrl.data.importing.base import feet, whereabouts
 from cmbrl.data.importing.bodies import PLACE, joints_of
 from cmbrl.data.importing.build import Frames
-from cmbrl.data.importing.commanded import Commanded, idle
-from cmbrl.data.importing.gains import gains_of
+from cmbrl.data.importing.columns import state, whole_arrays
+from cmbrl.data.importing.columns.targets import Target, match
+from cmbrl.data.importing.columns.untold import assumed
+from cmbrl.data.importing.commands import compensation, controls, measured_gains
+from cmbrl.data.importing.commands.commanded import Commanded, idle
+from cmbrl.data.importing.commands.gains import gains_of
 from cmbrl.data.importing.grid import Counts, Key, Series, to_grid, usual_step
 from cmbrl.data.importing.options import Options
-from cmbrl.data.importing.readers import read
+from cmbrl.data.importing.readers.of_path import read
 from cmbrl.data.importing.recording import Recording
 from cmbrl.data.importing.series import clocks_of, series_of
-from cmbrl.data.importing.targets import Target, match
 from cmbrl.data.importing.tied import followers
 from cmbrl.data.importing.told import UNUSED, no_column, not_read, short, told
-from cmbrl.data.importing.untold import assumed
 from cmbrl.data.position_log import PositionLog, free_joint
 from cmbrl.data.transitions import Transitions
 from cmbrl.errors import UserError

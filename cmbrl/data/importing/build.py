@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, QUATERNION, Floating, joints_of
-from cmbrl.data.importing.commanded import Commanded, wanted
-from cmbrl.data.importing.controls import controls
+from cmbrl.data.importing.commands.commanded import Commanded, wanted
+from cmbrl.data.importing.commands.controls import controls
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.velocities import check_frame, in_frame, smoothed
 from cmbrl.data.loops import closed, closing

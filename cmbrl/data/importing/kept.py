@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, joints_of
-from cmbrl.data.importing.commanded import Commanded
-from cmbrl.data.importing.controls import taken
+from cmbrl.data.importing.columns.targets import Target
+from cmbrl.data.importing.commands.commanded import Commanded
+from cmbrl.data.importing.commands.controls import taken
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.importing.series import HELD
-from cmbrl.data.importing.targets import Target
 from cmbrl.data.importing.told import used
 from cmbrl.scene import Scene
 

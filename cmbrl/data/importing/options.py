@@ -6,9 +6,9 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from cmbrl.data.importing import base
+from cmbrl.data.importing.base import capture as base
 from cmbrl.data.importing.build import Frames
-from cmbrl.data.importing.gains import Gains
+from cmbrl.data.importing.commands.gains import Gains
 from cmbrl.errors import UserError
 from cmbrl.numbers import one_of, real, whole
 from cmbrl.scene.info.columns import counted

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cmbrl.data.importing.bodies import QUATERNION, TURN, joints_of
+from cmbrl.data.importing.columns.targets import Target
 from cmbrl.data.importing.grid import Counts, Key, Series, clean
 from cmbrl.data.importing.lost import VELOCITIES, believable, without_lost
 from cmbrl.data.importing.recording import Recording, Table
-from cmbrl.data.importing.targets import Target
 from cmbrl.data.turns import Hinge, going_on, hinges
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene

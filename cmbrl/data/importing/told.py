@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from cmbrl.data.importing import whole_arrays
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, joints_of
+from cmbrl.data.importing.columns import whole_arrays
+from cmbrl.data.importing.columns.targets import Target
 from cmbrl.data.importing.grid import Counts, Key, Series
 from cmbrl.data.importing.recording import Recording
-from cmbrl.data.importing.targets import Target
 from cmbrl.data.loops import to_hold
 from cmbrl.scene import Scene
 from cmbrl.scene.info.columns import counted

@@ -25,7 +25,7 @@ from cmbrl.fitting.search.folds import LEAST_GAIN, NOISE_FACTOR, typical_rise
 from cmbrl.fitting.search.gauss_newton import gauss_newton
 from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import NotFinite, Objective
-from cmbrl.models.between import AHEAD, DEAD, INTEGRAL, INTEGRATED, LEAD, OFFSET, ZERO
+from cmbrl.models.between.parameters import AHEAD, DEAD, INTEGRAL, INTEGRATED, LEAD, OFFSET, ZERO
 from cmbrl.scene.fittable.parameters import TILT
 
 #: act in proportion; to first order, dry friction takes the part of Stribeck's

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from cmbrl.fitting.search.loss import PredictionLoss
-from cmbrl.models.between import LEAD
+from cmbrl.models.between.parameters import LEAD
 
 _SHARE = 0.75, 1.4  # of kd / kp, in the median over servos; joints' own damping takes a part of it
 BEGUN = 0.55  #: at least the same of a short fit, which begins with too little damping: that made up for leads

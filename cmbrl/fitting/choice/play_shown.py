@@ -2,8 +2,8 @@
 
 No parameter of a joint does what play does, and inertias, friction and damping make up for a part of it, so that only
 residuals tell. Each driven joint gets play of several sizes in turn; the play is followed along the log as in a fit of
-it (``cmbrl.models.following``), and what it changes is compared with the residuals (``unexplained``). The encoder has
-to be the motor's: where it is the link's, play changes predictions in another way, and nothing is found.
+it (``cmbrl.models.between.following``), and what it changes is compared with the residuals (``unexplained``). The
+encoder has to be the motor's: where it is the link's, play changes predictions in another way, and nothing is found.
 """
 
 from __future__ import annotations

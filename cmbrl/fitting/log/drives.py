@@ -13,7 +13,7 @@ from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.models.between import AHEAD, DELAY, LAG
+from cmbrl.models.between.parameters import AHEAD, DELAY, LAG
 
 ROWS = 1000  #: of predictions that are compared
 SURELY = 0.33  #: of the loss of the log as it is, both fitted: what drives do not explain

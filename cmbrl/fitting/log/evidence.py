@@ -16,13 +16,13 @@ from cmbrl.errors import UserError
 from cmbrl.fitting.log.position_noise import slopes
 from cmbrl.fitting.search.loss import SEVERAL, PredictionLoss
 from cmbrl.fitting.search.space import Space
-from cmbrl.models.begun import begun
-from cmbrl.models.between import BIAS, DELAY, LAG
+from cmbrl.models.between.begun import begun
+from cmbrl.models.between.following import followed
+from cmbrl.models.between.observation import Observation
+from cmbrl.models.between.parameters import BIAS, DELAY, LAG
+from cmbrl.models.between.wiring import LEAST
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.following import followed
-from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Scales, Windows
-from cmbrl.models.wiring import LEAST
 from cmbrl.scene import Scene
 from cmbrl.scene.records import Joint, JointKind
 

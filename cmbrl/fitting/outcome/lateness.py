@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from cmbrl.fitting.search.space import Space
-from cmbrl.models.between import AHEAD, DELAY, LAG
+from cmbrl.models.between.parameters import AHEAD, DELAY, LAG
 
 _NORMAL_95 = 1.96
 _NARROWER = 0.5  # than the narrower of the two intervals: else the sum says nothing new

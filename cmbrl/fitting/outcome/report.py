@@ -26,7 +26,7 @@ from cmbrl.fitting.search.loss_values import Errors
 from cmbrl.fitting.search.objective import NOT_FINITE
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.models.between import DELAY, LAG
+from cmbrl.models.between.parameters import DELAY, LAG
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene.info.inventory import moving_pairs
 

@@ -21,7 +21,7 @@ from cmbrl.fitting.outcome.identify import REPEATED, inverse
 from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.objective import SOLVER_VARIANCE
 from cmbrl.fitting.search.space import Space
-from cmbrl.models.between import DELAY
+from cmbrl.models.between.parameters import DELAY
 
 _NORMAL_95 = 1.96
 _FAR = 6.0  # deviations below 0, from which on the tail of a normal distribution falls like an exponential one

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmbrl.models.between.observation import Observation
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.models.log_windows import Predicted
-from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows
 
 

@@ -22,9 +22,9 @@ from cmbrl.fitting.search.linearised import Lineariser
 from cmbrl.fitting.search.loss_values import Errors, NormalEquations, alike_rows
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.search.starts import Follow, Settling
-from cmbrl.models.begun import begun
+from cmbrl.models.between.begun import begun
+from cmbrl.models.between.observation import Observation
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.observation import Observation
 from cmbrl.models.windows import Windows, huber
 from cmbrl.native import SolverStatus
 

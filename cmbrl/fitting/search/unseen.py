@@ -9,7 +9,7 @@ import numpy as np
 
 from cmbrl.data.transitions import Transitions
 from cmbrl.fitting.search.loss import PredictionLoss
-from cmbrl.models.observation import Observation
+from cmbrl.models.between.observation import Observation
 from cmbrl.models.windows import blocks_of
 
 

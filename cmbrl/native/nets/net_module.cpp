@@ -1,4 +1,4 @@
-// cmbrl.native.NetWeights: small nets of fully connected layers. See cmbrl.train.net.
+// cmbrl.native.NetWeights: small nets of fully connected layers. See cmbrl.train.policies.net.
 #include <nanobind/stl/vector.h>
 
 #include <algorithm>
@@ -113,7 +113,7 @@ class NetWeights {
 
 void bind_nets(nb::module_& module) {
   using namespace nb::literals;
-  nb::class_<NetWeights>(module, "NetWeights", "Weights of a small net at one time; see cmbrl.train.net.")
+  nb::class_<NetWeights>(module, "NetWeights", "Weights of a small net at one time; see cmbrl.train.policies.net.")
       .def(nb::init<std::vector<int64_t>, bool, Floats, const std::string&>(), "widths"_a, "norm"_a, "parameters"_a, "isa"_a = "")
       .def("forward", &NetWeights::forward, "x"_a, "keep"_a)
       .def("backward", &NetWeights::backward, "x"_a, "tape"_a, "gy"_a, "want_x"_a, "want_parameters"_a);

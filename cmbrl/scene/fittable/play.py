@@ -3,7 +3,7 @@
 A play is a joint of its own, behind the motor's, with stops at the ends of the gap. The driven joint keeps what is the
 motor's: torque, rotor (armature), damping, friction and limits. The play turns or slides along the same axis, freely
 within its gap. Its link follows the motor at a distance that no encoder tells: a log has no column of it, and the model
-follows it along the log instead (``cmbrl.models.following``).
+follows it along the log instead (``cmbrl.models.between.following``).
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.stepper import Stepper
+from cmbrl.models.native_step.stepper import Stepper
 from cmbrl.scene.layout import ACTUATOR_FIELDS, CONTACT_FIELDS
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from cmbrl.envs.simulation import Simulation
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.train.ars import ARSConfig
-from cmbrl.train.policy import Architecture, Policy
+from cmbrl.train.policies.policy import Architecture, Policy
 
 
 class BatchedARS:

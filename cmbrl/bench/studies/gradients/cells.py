@@ -13,7 +13,7 @@ from cmbrl.bench.studies.gradients.arms import Arm
 from cmbrl.bench.studies.gradients.systems import SYSTEMS, System
 from cmbrl.bench.timing import interleaved
 from cmbrl.gradients import Estimate, finite_differences
-from cmbrl.models.step_result import SolverWarning
+from cmbrl.models.native_step.result import SolverWarning
 
 HUGE = 1e300  #: stands for larger numbers and for those that are not finite
 

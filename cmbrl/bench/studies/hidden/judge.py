@@ -14,7 +14,7 @@ from cmbrl.bench.studies.hidden.hidden_system import Hidden, HiddenSystem
 from cmbrl.bench.studies.hidden.plan import EPISODE_SEED, UPSIDE_DOWN
 from cmbrl.envs.evaluation import Actor, Evaluation, evaluate_real
 from cmbrl.mdp import MDP
-from cmbrl.train.policy import observed_by
+from cmbrl.train.policies.policy import observed_by
 
 PITCH = 2  #: place of the torso's pitch in q, of both robots
 Result = dict[str, Any]

@@ -13,7 +13,7 @@ from cmbrl.envs.evaluation import Actor
 from cmbrl.envs.trials import trials
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.train.policy import observed_by
+from cmbrl.train.policies.policy import observed_by
 
 TRIALS = ("draws", "late", "pushed")
 LAWS = ("law", "mujoco")  #: came later, one by one: results from before lack them

@@ -14,7 +14,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.fitting import fit
 from cmbrl.models.baselines import HoldVelocity
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.models.protocol import Model
 
 SIZES = (200, 1_000, 5_000, 20_000, 100_000)

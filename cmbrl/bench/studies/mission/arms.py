@@ -10,7 +10,7 @@ from typing import Any
 
 from cmbrl.bench.studies.mission.runs import Result, Setup, Training, Work
 from cmbrl.contact.smoothing import Gaussian
-from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.train.loop import Loop
 from cmbrl.train.loop_config import LoopConfig
 from cmbrl.train.mbpo import MBPO

@@ -26,7 +26,7 @@ from cmbrl.models.protocol import Model
 from cmbrl.registry import Task, load_task
 from cmbrl.system import SystemFactory
 from cmbrl.train.loop import EPISODE_STEPS
-from cmbrl.train.policy import observed_by
+from cmbrl.train.policies.policy import observed_by
 
 EPISODES, CURVE_EPISODES = 10, 3  #: of the last policy in each system; of one point of the curve
 EPISODE_SEED, CURVE_SEED = 9_000, 7_000  #: the same starts for every policy

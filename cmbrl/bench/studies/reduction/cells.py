@@ -17,7 +17,7 @@ from cmbrl.bench.peers.mujoco_steps import visit
 from cmbrl.bench.scenes import PairedScene, paired
 from cmbrl.bench.timing import Spread, interleaved
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.step_result import StepResult
+from cmbrl.models.native_step.result import StepResult
 from cmbrl.native import SolverStatus
 from cmbrl.scene import Scene
 

@@ -15,7 +15,7 @@ from cmbrl.models.named import nominal_model
 from cmbrl.registry import load_task
 from cmbrl.train.setup import set_up
 from cmbrl.train.trainer import Diverged
-from cmbrl.train.windows import WindowLearner
+from cmbrl.train.windows.learner import WindowLearner
 
 TRIALS = 9000  #: seed of the starts that every policy is tried from
 Outcome = dict[str, Any]

@@ -20,7 +20,7 @@ from cmbrl.bench.studies.stability.worlds import GROUND, body, sphere, tilted, w
 from cmbrl.bench.study import Cell, Table
 from cmbrl.contact.smoothing import Barrier
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.step_result import StepResult
+from cmbrl.models.native_step.result import StepResult
 
 MASS, RADIUS, MU, H = 2.0, 0.1, 0.5, 1e-3
 SETTLED = 3000  #: steps until nothing changes any more

@@ -15,7 +15,7 @@ from cmbrl.data.transitions import Transitions
 from cmbrl.fitting import Budget, fit
 from cmbrl.models.baselines import Ballistic
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.ensemble import EnsembleConfig, NeuralEnsemble
+from cmbrl.models.neural.ensemble import EnsembleConfig, NeuralEnsemble
 from cmbrl.models.protocol import Model
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene

@@ -21,7 +21,7 @@ from cmbrl.envs.evaluation import evaluate_real
 from cmbrl.gradients.estimate import Array, Estimate
 from cmbrl.mdp import MDP
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.step_result import SolverWarning
+from cmbrl.models.native_step.result import SolverWarning
 from cmbrl.system import SystemFactory
 
 

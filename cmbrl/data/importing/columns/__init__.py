@@ -1,0 +1,1 @@
+"""What columns are: quantities of joints and actuators, in units."""

@@ -1,0 +1,1 @@
+"""What columns command, and the gains of the servos that follow."""

@@ -1,0 +1,1 @@
+"""The native step and its derivatives as torch functions."""

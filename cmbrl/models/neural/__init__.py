@@ -1,0 +1,1 @@
+"""Neural ensembles: an alternative to contact models, trained on the same transitions."""

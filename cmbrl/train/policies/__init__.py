@@ -1,0 +1,1 @@
+"""Policies: their nets and their files."""

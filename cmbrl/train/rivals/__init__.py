@@ -1,0 +1,1 @@
+"""Around Stable-Baselines3: what model-free competitors and MBPO share."""

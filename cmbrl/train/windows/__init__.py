@@ -1,0 +1,1 @@
+"""Learners on short windows of many episodes: what SHAC and FOPG share."""
