@@ -17,8 +17,8 @@ compiler=${CXX:-}
 echo 'int main() { return []<class T>(T x) { return x; }(0); }' | "${compiler:-c++}" -std=c++20 -x c++ -fsyntax-only - 2>/dev/null \
   || { echo "setup: no C++20 compiler found (tried ${compiler:-g++, clang++}): install g++ >= 11 or set CXX" >&2; exit 2; }
 
-# A digest of everything that the installation depends on tells whether it is up to date.
-digest=$({ "$python" -VV; echo "$compiler"; cat pyproject.toml CMakeLists.txt configs/constraints.txt cmbrl/native/*.[ch]pp cmbrl/native/*/*.[ch]pp; pwd; } | cksum)
+# A digest of everything that the installation depends on tells whether it is up to date: it knows the modules by their places, too.
+digest=$({ "$python" -VV; echo "$compiler"; cat pyproject.toml CMakeLists.txt configs/constraints.txt cmbrl/native/*.[ch]pp cmbrl/native/*/*.[ch]pp; find cmbrl tasks -name '*.py' | sort; pwd; } | cksum)
 stamp=.venv/cmbrl-setup
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$digest" ]; then exit 0; fi
 
