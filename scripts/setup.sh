@@ -17,10 +17,11 @@ compiler=${CXX:-}
 echo 'int main() { return []<class T>(T x) { return x; }(0); }' | "${compiler:-c++}" -std=c++20 -x c++ -fsyntax-only - 2>/dev/null \
   || { echo "setup: no C++20 compiler found (tried ${compiler:-g++, clang++}): install g++ >= 11 or set CXX" >&2; exit 2; }
 
-# A digest of everything that the installation depends on tells whether it is up to date: it knows the modules by their places, too.
-digest=$({ "$python" -VV; echo "$compiler"; cat pyproject.toml CMakeLists.txt configs/constraints.txt cmbrl/native/*.[ch]pp cmbrl/native/*/*.[ch]pp; find cmbrl tasks -name '*.py' | sort; pwd; } | cksum)
+# A digest of everything that the installation depends on tells whether it is up to date. It knows modules by their places: none may have moved.
+digest=$({ "$python" -VV; echo "$compiler"; cat pyproject.toml CMakeLists.txt configs/constraints.txt cmbrl/native/*.[ch]pp cmbrl/native/*/*.[ch]pp; pwd; } | cksum)
 stamp=.venv/cmbrl-setup
-if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$digest" ]; then exit 0; fi
+moved() { grep -oh "'/[^']*\.py'" .venv/lib/*/site-packages/_editable_*cmbrl.py | tr -d "'" | while read -r file; do [ -e "$file" ] || echo "$file"; done; }
+if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$digest" ] && [ -z "$(moved)" ]; then exit 0; fi
 
 echo "setup: building cmbrl into .venv (a few minutes the first time)" >&2
 [ -x .venv/bin/python ] || "$python" -m venv .venv
