@@ -46,3 +46,5 @@ def test_nothing_is_said_where_links_together_weigh_what_the_file_says() -> None
     assert unit_told(light, report(1.06, 1.09, 0.8)) is None
     assert "0.71 times" in (unit_told(light, report(0.72, 0.7, 0.8)) or "")
     assert "0.71 times" in (unit_told(light, report()) or "")  # nothing is told together
+    balanced = {"name": "gravity's torque at j", "value": 0.01, "nominal": 0.0}
+    assert "0.71 times" in (unit_told(light, {"combinations": {"rows": [balanced]}}) or "")

@@ -37,7 +37,8 @@ def unit_told(parameters: Mapping[str, FittedParameter], report: Mapping[str, An
     if max(heavier, 1.0 - heavier) < _SHARE or max(usual, 1.0 / usual) < _CLEARLY:
         return None
     sums = ((report or {}).get("combinations") or {}).get("rows", ())
-    weights = [np.log(row["value"] / row["nominal"]) for row in sums if row["name"].startswith(WEIGHT)]
+    pulls = [(row["value"], row["nominal"]) for row in sums if row["name"].startswith(WEIGHT)]
+    weights = [np.log(value / nominal) for value, nominal in pulls if value * nominal > 0.0]
     if weights and float(np.median(weights)) / np.log(usual) < _OF_IT:
         return None
     other = "smaller" if usual > 1.0 else "larger"
