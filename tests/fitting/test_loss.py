@@ -31,7 +31,7 @@ def test_native_batch_equals_errors_start_by_start(setup):
 def test_windows_that_cover_a_part_of_a_log_see_what_all_of_it_tells(setup):
     space, loss = setup
     z = 0.2 * np.random.default_rng(1).normal(size=len(space))
-    z[-2:] = np.abs(z[-2:])  # delay and lag
+    z = np.where(space.nominal == space.low, np.abs(z), z)  # delay, lag, dead zones
     theta = space.theta(z)
     psi = loss.observation.split(theta)[1]
     assert loss.observation.changes(psi)
