@@ -6,16 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 import cmbrl
 from cmbrl.accuracy.open_loop import simulate
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.log.evidence import Evidence
-from cmbrl.models.between.robots import Robots
 
 from .servo_arm import QUICK
-from .test_dead_zone import DT, arm, recorded
+from .two_motors import DT, arm, check_controls, recorded
 
 ZEROS = np.array([0.08, -0.05])  # of controls from -1 to 1
 
@@ -48,17 +46,4 @@ def test_derivatives_and_processes_have_it() -> None:
     values = {"motor_zero.left": 0.1, "motor_zero.right": -0.2, "delay.command": 0.013, "bias.a": 0.02}
     model = cmbrl.ComplementarityModel(scene, observation=values).for_log(DT)
     log = Evidence.of(model, told(ZEROS)).log.select(slice(0, 60))
-    psi = model.observer.vector(model.observation)
-    u, slope = model.observer.controls(log, psi)
-    for name in ("motor_zero.left", "motor_zero.right"):
-        k = [p.name for p in model.observer.parameters].index(name)
-        up, down = (model.observer.commands(log, psi + x * np.eye(len(psi))[k]) for x in (1e-7, -1e-7))
-        assert np.abs((up - down) / 2e-7 - slope[:, :, k]).max() < 1e-6
-        assert slope[:, :, k].any()
-    robots, seen = Robots(model, 1), []
-    step = robots._model_step
-    robots._model_step = lambda q, v, u, *more: seen.append(u.numpy()[0]) or step(q, v, u, *more)  # type: ignore[func-returns-value]
-    q, v = torch.from_numpy(log.q[:1]), torch.from_numpy(log.v[:1])
-    for command in torch.from_numpy(log.u):
-        q, v = robots.step(q, v, command[None])
-    assert np.abs(np.array(seen) - u).max() < 1e-9
+    check_controls(model, log, ("motor_zero.left", "motor_zero.right"))
