@@ -3,8 +3,20 @@
 from __future__ import annotations
 
 from enum import IntEnum
+from pathlib import Path
 
-from cmbrl.native._core import Core, NetWeights, Problems, Tape, kept_buffers
+from cmbrl.errors import UserError
+
+try:
+    from cmbrl.native._core import Core, NetWeights, Problems, Tape, kept_buffers
+except ModuleNotFoundError as error:  # Python has found the sources first, as it does in their folder
+    if error.name != "cmbrl.native._core":
+        raise
+    here = Path(__file__).parents[2]
+    raise UserError(
+        f"the core of cmbrl is not built in {here}: after `pip install .`, run Python in another folder; to work in "
+        "this one, run scripts/setup.sh and then `source .venv/bin/activate`"
+    ) from None
 
 __all__ = ["Core", "NetWeights", "Problems", "SolverStatus", "Tape", "kept_buffers"]
 
