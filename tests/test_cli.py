@@ -69,7 +69,7 @@ FIT = ["fit", "hopper", "--data", "log.npz", "--groups", "friction", "--method",
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a small log of the hopper."""
     folder = tmp_path_factory.mktemp("cli")
-    assert main(["record", "hopper", "--steps", "300", "--out", str(folder / "log.npz")]) == 0
+    assert main(["record", "hopper", "--steps", "120", "--out", str(folder / "log.npz")]) == 0
     return folder
 
 

@@ -318,6 +318,7 @@ def test_soles_too_stiff_for_the_models_steps_meet_the_files_in_half_of_the_trai
 
 def test_from_a_file_that_defines_a_task_to_a_policy_in_mujoco(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("cmbrl.walking.EPISODE", 1.0)
     (tmp_path / "dog.xml").write_text(robot())
     (tmp_path / "dog.py").write_text(
         "from pathlib import Path\nfrom cmbrl.walking import Walker, walking_task\n"

@@ -183,7 +183,7 @@ def record(model: CartModel, episodes: int, steps: int, seed: int = 0, noise: fl
     return Transitions(**{name: np.array(value) for name, value in rows.items()}, dt=H, episode=episode)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def carts() -> SimpleNamespace:
     """``carts.model(n)``, ``carts.truth(n, **scales)`` (a model with other parameters) and ``carts.record``."""
 

@@ -48,6 +48,7 @@ def test_a_fit_begins_off_the_file_only_where_its_links_shake(log: PositionLog) 
     assert not _begin(GEARED, log)[1].any()
 
 
+@pytest.mark.slow
 def test_the_geared_arm_is_found(log: PositionLog) -> None:
     """From the file, derivatives overflow, and the fit ended in an error."""
     model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(FILE))

@@ -14,7 +14,7 @@ from cmbrl.fitting.outcome import report_text
 QUICK = Budget(trial_rounds=3, trial_population=16, search_rounds=4, search_population=16)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def data(carts):
     return carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=20, steps=40, noise=1e-3)
 
@@ -96,10 +96,14 @@ def _killed_after(model, calls, error, times=1000):
     return model
 
 
+@pytest.fixture(scope="module")
+def whole(carts, data):
+    return cmbrl.fit(carts.model(2), data, budget=QUICK)
+
+
 @pytest.mark.parametrize("calls", [20, 100, 180])
-def test_a_killed_fit_resumes_to_the_same_result(carts, data, tmp_path, monkeypatch, calls):
+def test_a_killed_fit_resumes_to_the_same_result(carts, data, whole, tmp_path, monkeypatch, calls):
     monkeypatch.setattr(state_module, "_SECONDS_BETWEEN_WRITES", 0.0)
-    whole = cmbrl.fit(carts.model(2), data, budget=QUICK)
     with pytest.raises(Killed):
         cmbrl.fit(_killed_after(carts.model(2), calls, Killed()), data, budget=QUICK, folder=tmp_path)
     model = carts.model(2)

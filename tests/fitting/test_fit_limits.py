@@ -57,7 +57,9 @@ def moved(result: Any) -> dict[str, Any]:
     return {n: p for n, p in result.parameters.items() if p.status != "nominal" and n.split(".")[0] in groups}
 
 
-@pytest.mark.parametrize(("most", "fade", "size"), [(1.4, 0.0, 0.25), (6.0, 1.0, 0.35)])
+@pytest.mark.parametrize(
+    ("most", "fade", "size"), [(1.4, 0.0, 0.25), pytest.param(6.0, 1.0, 0.35, marks=pytest.mark.slow)]
+)
 def test_what_the_motor_gives_comes_back(most: float, fade: float, size: float, tmp_path: Path) -> None:
     """A clamp, and the line of a DC motor; nothing of the knee, which has neither."""
     result = cmbrl.fit(nominal(tmp_path), record(most, fade, size), budget=QUICK)

@@ -78,6 +78,7 @@ def test_friction_bias_and_delay_come_back(leg: dict[str, Path]) -> None:
     assert held_out["held out, fitted"] < 0.1 * held_out["held out, nominal"]
 
 
+@pytest.mark.slow
 def test_a_log_by_another_sensor_than_that_of_the_servo(leg: dict[str, Path]) -> None:
     model = cmbrl.ComplementarityModel(Scene.from_mjcf(leg["scene"]))
     log = record(LEG.format(damping=0.05, friction=0.1), 8.0, 0, serves=False)

@@ -24,7 +24,7 @@ kv="{kv}"/></actuator></mujoco>"""
 QUICK = Budget(polish_rows=1500, polish_iterations=10, fold_iterations=2, search_rows=600, starts=1, draws=16)
 
 
-@pytest.mark.parametrize(("kd", "moved"), [(8.0, ["kd"]), (4.0, []), (2.0, [])])
+@pytest.mark.parametrize(("kd", "moved"), [(8.0, ["kd"]), (4.0, []), pytest.param(2.0, [], marks=pytest.mark.slow)])
 def test_a_log_that_tells_kd_wrongly(kd: float, moved: list[str], tmp_path: Path) -> None:
     """A robot that brakes less than the kd that is told has no damping that explains it; one that brakes more, has."""
     (tmp_path / "arm.xml").write_text(ARM.format(damping=0.2, kv=4))

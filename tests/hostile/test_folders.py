@@ -36,7 +36,7 @@ def _check(name: str, seeds: range, place: Path) -> None:
 
 @pytest.mark.parametrize("name", QUICK)
 def test_a_few_of_everything(name: str, tmp_path: Path) -> None:
-    _check(name, range(15), tmp_path)
+    _check(name, range(6), tmp_path)
 
 
 @pytest.mark.slow

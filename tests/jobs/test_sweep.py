@@ -86,7 +86,7 @@ def test_mistakes_are_one_line(config: Path, tmp_path: Path, capsys: pytest.Capt
 
 
 def test_ctrl_c_ends_the_sweep_and_the_same_command_goes_on(config: Path, tmp_path: Path) -> None:
-    config.write_text(CONFIG.replace("iterations: 2", "iterations: 400"), encoding="utf-8")
+    config.write_text(CONFIG.replace("iterations: 2", "iterations: 120"), encoding="utf-8")
     typed = ["sweep", "throw.yaml", "--seeds", "0:2", "--out", "sweep", "--jobs", "1"]
     begun = tmp_path / "sweep/seed_0/metrics.csv"
 
@@ -104,7 +104,7 @@ def test_ctrl_c_ends_the_sweep_and_the_same_command_goes_on(config: Path, tmp_pa
     assert list((tmp_path / "sweep/seeds").iterdir()) == []
     assert main(typed) == 0
     rows = (tmp_path / "sweep/seed_0/metrics.csv").read_text().splitlines()
-    assert len(rows) == 401
+    assert len(rows) == 121
 
 
 def test_a_run_of_other_code_is_not_passed_off_as_this_one(config: Path, tmp_path: Path) -> None:

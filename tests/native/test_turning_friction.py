@@ -213,7 +213,7 @@ def test_wild_states_are_solved(cone: str, sliding: str, tmp_path: Path) -> None
     assert found.residual[good].max() < 1e-8
 
 
-ROBOTS = ("unitree_go2", "apptronik_apollo", "pal_tiago")
+ROBOTS = ["unitree_go2", *(pytest.param(name, marks=pytest.mark.slow) for name in ("apptronik_apollo", "pal_tiago"))]
 
 
 @pytest.mark.parametrize("robot", ROBOTS)

@@ -14,7 +14,7 @@ from cmbrl.envs.evaluation import Evaluation
 from cmbrl.errors import UserError
 from cmbrl.files import read_json
 from cmbrl.fitting import FitResult, fit
-from cmbrl.fitting.played import with_play
+from cmbrl.fitting.played import fit_or_played, with_play
 from cmbrl.registry import load_task
 from cmbrl.scene.writing.played import gaps_of
 from cmbrl.train.loop import Loop
@@ -27,6 +27,25 @@ SMALL = LoopConfig(
     iterations=12, rounds=2, policies=2, further=0, trial=0.5, transitions=120, more=60, environments=8, horizon=4,
     actor_hidden=(16,), critic_hidden=(16,), score_episodes=4, draws=8,
 )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def fits():
+    return {}
+
+
+@pytest.fixture(autouse=True)
+def each_fit_once(fits, monkeypatch):
+    """Most loops here fit the same log, which takes seconds and gives the same fit (tests/fitting/test_fit.py)."""
+
+    def once(model, data, **options):
+        arrays = (model.parameters, data.q, data.v, data.u, data.q_next, data.v_next)
+        key = (*(array.tobytes() for array in arrays), model.smoothing, model.backward_smoothing, *options.items())
+        if key not in fits:
+            fits[key] = fit_or_played(model, data, **options)
+        return fits[key]
+
+    monkeypatch.setattr("cmbrl.train.loop.fit_or_played", once)
 
 
 @pytest.fixture

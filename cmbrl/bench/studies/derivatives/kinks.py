@@ -28,9 +28,10 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
     lengths = smooth["length"]
     rates = _rates(model, q, v)
     x = lengths[:, core.lim_line]
-    wider = scene.physical_vector(theta)[[scene.layout.dof(line, "wider") for line in core.lim_line.tolist()]]
+    P = scene.physical_vector(theta)
+    wider = P[[scene.layout.dof(line, "wider") for line in core.lim_line.tolist()]]
     below, above = x - core.lim_lo + wider, core.lim_hi - x + wider
-    springs = scene.physical_vector(theta)[[scene.layout.dof(scene.nv + k, "springref") for k in range(core.ntendon)]]
+    springs = P[[scene.layout.dof(scene.nv + k, "springref") for k in range(core.ntendon)]]
     near, side = np.minimum(below, above), np.where(below < above, 1.0, -1.0)
     parts = [
         gap > 0,
@@ -42,7 +43,7 @@ def choices(model: ComplementarityModel, q: Array, v: Array, u: Array, theta: Ar
         lengths[:, scene.nv :] > springs,
         lengths[:, scene.nv :] > springs + core.line_slack[scene.nv :],
         near / h + side * rates[:, core.lim_line] < model.stepper.options["prune"],
-        *_clamps(model, lengths, rates, u, theta),
+        *_clamps(model, lengths, rates, u, P),
     ]
     if any(p.group == "restitution" for p in scene.parameters):
         one = model.with_settings(parameters=None, integrator="semi-implicit", substeps=1).stepper
@@ -63,11 +64,8 @@ def _rates(model: ComplementarityModel, q: Array, v: Array) -> Array:
     return np.asarray((ahead - behind) / (2 * step))
 
 
-def _clamps(
-    model: ComplementarityModel, lengths: Array, rates: Array, u: Array, theta: Array
-) -> list[NDArray[np.bool_]]:
-    scene, core = model.scene, model.scene.core
-    P, layout = scene.physical_vector(theta), scene.layout
+def _clamps(model: ComplementarityModel, lengths: Array, rates: Array, u: Array, P: Array) -> list[NDArray[np.bool_]]:
+    scene, core, layout = model.scene, model.scene.core, model.scene.layout
     first = layout.contact(0, "solref0")
     time = P[first : first + core.ncontact * len(CONTACT_FIELDS) : len(CONTACT_FIELDS)]
     numbers = P[layout.actuator(0) : layout.gravity].reshape(-1, len(ACTUATOR_FIELDS)).T
