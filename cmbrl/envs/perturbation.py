@@ -123,7 +123,7 @@ def _carrier(model: Any) -> int:
     kind, at = np.asarray(model.jnt_type), np.asarray(model.jnt_bodyid)
     motor = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
     driven = np.isin(np.arange(model.njnt), model.actuator_trnid[motor, 0])
-    motors, free = np.zeros(model.nbody), np.zeros(model.nbody)  # driven hinges, and joints without motors, up to a body
+    motors, free = np.zeros(model.nbody), np.zeros(model.nbody)  # up to each body: driven hinges, joints without
     arm = True
     for body in range(1, model.nbody):
         parent, own = model.body_parentid[body], at == body
