@@ -22,7 +22,7 @@ class Total:
     """A reward that is the sum of some of the numbers in ``MDP.info``: an environment evaluates those once.
 
     Args:
-        info: as in :class:`MDP`.
+        info: as in :class:`MDP`, or what tells the terms alone, where the rest takes time that training can spare.
         terms: their names, added in this order.
     """
 
@@ -134,9 +134,9 @@ class MDP:
     def score(
         self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """``reward`` (B,) and ``info`` of one step; a ``Total`` of this ``info`` is not evaluated again."""
+        """``reward`` (B,) and ``info`` of one step; a ``Total`` of what ``info`` tells is not evaluated again."""
         told = {} if self.info is None else self.info(q, v, action, q_next, v_next)
-        if isinstance(self.reward, Total) and self.reward.info is self.info:
+        if isinstance(self.reward, Total) and told.keys() >= set(self.reward.terms):
             return self.reward.of(told), told
         return self.reward(q, v, action, q_next, v_next), told
 
