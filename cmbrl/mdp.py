@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, Protocol
@@ -87,6 +87,8 @@ class MDP:
             (then give the reward as their :class:`Total`). Default nothing.
         last_actions: how many of the last actions the observations end with (``cmbrl.envs.history`` adds them).
             Default 0.
+        controller: tells what a program besides cmbrl needs to act by a policy, arrays by name (``cmbrl export
+            --controller``): what is observed, in which order, and what makes controls of actions. Default nothing.
     """
 
     observations: int
@@ -107,6 +109,7 @@ class MDP:
     failure: str = "terminations"
     info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]] | None = None
     last_actions: int = 0
+    controller: Callable[[], Mapping[str, Any]] | None = None
 
     def robot(self, q: Tensor) -> Tensor:
         """The robot's coordinates (B, nq) of the process's q (B, nq + memory)."""

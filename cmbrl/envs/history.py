@@ -62,8 +62,9 @@ class _History:
     def process(self) -> MDP:
         mdp = self.mdp
         info = None if mdp.info is None else self._of_step(mdp.info)
-        total = isinstance(mdp.reward, Total)
-        reward = Total(self._of_step(mdp.reward.info), mdp.reward.terms) if total else self._of_step(mdp.reward)
+        reward = self._of_step(mdp.reward)
+        if isinstance(mdp.reward, Total):
+            reward = Total(self._of_step(mdp.reward.info), mdp.reward.terms)
         return replace(
             mdp,
             observations=mdp.observations + self.width,

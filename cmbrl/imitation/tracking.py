@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.imitation import joints
+from cmbrl.imitation import controller, joints
 from cmbrl.imitation.flight import CLEAR, flying
 from cmbrl.imitation.motion import Motion
 from cmbrl.imitation.robot import Robot
@@ -105,7 +105,7 @@ class Tracking:
             reward=Total(self.earned, terms),
             terminated=self.terminated, reset=reset, dt=self.dt, episode_steps=min(steps, self.last), act=self.act,
             memory=1 + self.nu, truncated=self.over, failure="falls" if self.root_q else "strays", info=self.info,
-            shaping=self.pull, curriculum=curriculum,
+            shaping=self.pull, curriculum=curriculum, controller=partial(controller.arrays, self),
         )  # fmt: skip
 
     def act(self, q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -62,15 +63,36 @@ def test_it_observes_as_many_last_actions_as_the_policy_it_begins_with(
         made.begin_with(carried_over(str(tmp_path / "run"), made.policy.architecture))
 
 
-@pytest.mark.parametrize(("rate", "kept"), [(3.0, 0), (0.0, None)])
-def test_a_policy_that_loses_by_going_on_is_kept(rate: float, kept: int | None, tmp_path: Path) -> None:
-    """Steps far too long ruin one that holds the block in the middle; of two that are as good the last is kept."""
+class Chosen:
+    """A curriculum that chooses nothing."""
+
+    def ended(self, q: torch.Tensor, failed: torch.Tensor) -> None: ...
+
+    def state(self) -> dict[str, Any]:
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("rate", "curriculum", "judged", "kept"),
+    [(3.0, None, False, 0), (0.0, None, False, None), (3.0, Chosen(), True, 0), (3.0, Chosen(), False, None)],
+)
+def test_a_policy_that_loses_by_going_on_is_kept(
+    rate: float, curriculum: Chosen | None, judged: bool, kept: int | None, tmp_path: Path
+) -> None:
+    """Steps far too long ruin one that holds the block in the middle; of two that are as good the last is kept.
+
+    Where a curriculum has the starts, as for motions, an evaluation's tell; without those nothing does.
+    """
     model, mdp = ComplementarityModel(slider.scene(tmp_path)), slider.mdp()
     good = SHAC(mdp, model, replace(SMALL, iterations=60))
     for _ in range(60):
         good.update()
     before = copy.deepcopy(good.policy.state_dict())
-    going_on = SHAC(mdp, model, replace(SMALL, actor_rate=rate, discount=0.5, iterations=12))
+    started = replace(mdp, curriculum=curriculum)
+    going_on = SHAC(started, model, replace(SMALL, actor_rate=rate, discount=0.5, iterations=12))
+    going_on.judged = mdp if judged else None
     going_on.begin_with(before)
     for _ in range(12):
         going_on.update()

@@ -105,7 +105,7 @@ class WindowLearner(Trainer):
         """
         self.policy.load_state_dict(weights)
         self.schedule.learned()
-        if not self.mdp.curriculum:  # which has starts of its own, so that returns tell little
+        if not self._tried().curriculum:  # which has starts of its own, so that returns tell little
             self.begun_with = copy.deepcopy(self.policy.state_dict())
 
     @property
