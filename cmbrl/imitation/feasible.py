@@ -100,7 +100,7 @@ def _given(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
     limit, reach = strongest(scene), joints.reach(scene, 1.0)
     reach = np.where(np.isfinite(limit), np.inf, reach)
     servo = np.array([law_of(scene, i)[0] == "position" for i in range(scene.nu)])
-    stiffness, damping = np.where(servo, -bias * gear**2, 0.0), np.where(servo, -drag * gear**2, 0.0)
+    stiffness, damping = np.where(servo, -bias * gear**2, 1.0), np.where(servo, -drag * gear**2, 0.0)
     sides = []
     for sign, end in ((-1.0, ends.min(axis=1)), (1.0, ends.max(axis=1))):
         room = np.minimum(sign * (end - position), reach).clip(min=0.0) + lag

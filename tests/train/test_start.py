@@ -5,8 +5,10 @@ from __future__ import annotations
 import copy
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -16,6 +18,7 @@ from cmbrl.train.policies.file import save_policy
 from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.start import carried_over, with_actions_of
+from cmbrl.train.windows import learner
 from cmbrl.train.windows.schedule import LEARNED
 
 from . import slider
@@ -99,6 +102,29 @@ def test_a_policy_that_loses_by_going_on_is_kept(
     assert going_on.kept == kept
     same = [torch.equal(value, before[name]) for name, value in going_on.policy.state_dict().items()]
     assert all(same) == (kept == 0)
+
+
+@pytest.mark.parametrize(
+    ("lost", "spread", "kept"),
+    [(0.025, 0.002, 0), (0.025, 0.2, None), (0.005, 0.0, None), (-0.1, 0.0, None)],
+)
+def test_a_little_that_is_lost_for_certain_counts(
+    lost: float, spread: float, kept: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a return of 20: in pairs of the same episodes 2.5 % are seen, but not where they differ far more."""
+    rng, asked = np.random.default_rng(0), iter(["after", "before"])
+    common, apart = 20 + rng.normal(0, 5, 64), rng.normal(0, 1, 64)
+    apart = 20 * (lost + spread * (apart - apart.mean()) / apart.std())
+
+    def returns(*given: object) -> Any:
+        return SimpleNamespace(returns=common - apart if next(asked) == "after" else common)
+
+    made = trainer(tmp_path)
+    made.begin_with(made.policy.state_dict())
+    monkeypatch.setattr(learner, "of_draws", returns)
+    monkeypatch.setattr(learner, "without_action", lambda *given: SimpleNamespace(returns=np.zeros(64)))
+    made._keep_what_was_better()
+    assert made.kept == kept
 
 
 def test_schedules_begin_halfway_also_after_a_restart(tmp_path: Path) -> None:

@@ -24,11 +24,11 @@ from cmbrl.train.windows.config import GROWN, WindowConfig
 from cmbrl.train.windows.critic import Critic
 from cmbrl.train.windows.lost_gradients import PATIENCE, LostGradients, blame
 from cmbrl.train.windows.optimiser import PolicyOptimiser
-from cmbrl.train.windows.peak import LOST
 from cmbrl.train.windows.schedule import Schedule
 
 LATE = 0.75  # share after which no fall of returns is of use: little is left to be found
 MEMORIES = 3  # of the discount: how long the critic of a run that goes on learns before the policy moves
+COST, SURE = 0.01, 3.0  # share of a return, and standard errors, by which a run that goes on may end below its start
 
 
 class WindowLearner(Trainer):
@@ -159,14 +159,17 @@ class WindowLearner(Trainer):
         return metrics
 
     def _keep_what_was_better(self) -> None:
-        """Gives the policy the weights that it began with, where noise and rates have cost it much of their return.
+        """Gives the policy the weights that it began with, where going on has cost it some of their return.
 
-        Much is as for returns that fall late: the share LOST of it, or of what it is above that of no action.
+        Both are tried in the same episodes, so that little is told from nothing: the share COST of that return, or of
+        what it is above that of no action, and SURE standard errors of the difference.
         """
-        own, earned = copy.deepcopy(self.policy.state_dict()), self._earned()
+        mdp, own = self._tried(), copy.deepcopy(self.policy.state_dict())
+        after = of_draws(self.policy, mdp, self.model).returns
         self.policy.load_state_dict(self.begun_with)
-        before, idle = self._earned(), float(without_action(self._tried(), self.model).returns.mean())
-        if before - earned > LOST * max(abs(before), before - idle):
+        before, idle = of_draws(self.policy, mdp, self.model).returns, without_action(mdp, self.model).returns
+        cost, noise = float((before - after).mean()), float((before - after).std()) / math.sqrt(len(after))
+        if cost > max(SURE * noise, COST * max(abs(before.mean()), (before - idle).mean())):
             self.kept = 0
         else:
             self.policy.load_state_dict(own)
