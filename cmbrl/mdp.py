@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from typing import Any, Protocol
@@ -22,7 +22,7 @@ class Total:
     """A reward that is the sum of some of the numbers in ``MDP.info``: an environment evaluates those once.
 
     Args:
-        info: as in :class:`MDP`.
+        info: as in :class:`MDP`, or what tells the terms alone, where the rest takes time that training can spare.
         terms: their names, added in this order.
     """
 
@@ -87,6 +87,8 @@ class MDP:
             (then give the reward as their :class:`Total`). Default nothing.
         last_actions: how many of the last actions the observations end with (``cmbrl.envs.history`` adds them).
             Default 0.
+        controller: tells what a program besides cmbrl needs to act by a policy, arrays by name (``cmbrl export
+            --controller``): what is observed, in which order, and what makes controls of actions. Default nothing.
     """
 
     observations: int
@@ -107,6 +109,7 @@ class MDP:
     failure: str = "terminations"
     info: Callable[[Tensor, Tensor, Tensor, Tensor, Tensor], dict[str, Tensor]] | None = None
     last_actions: int = 0
+    controller: Callable[[], Mapping[str, Any]] | None = None
 
     def robot(self, q: Tensor) -> Tensor:
         """The robot's coordinates (B, nq) of the process's q (B, nq + memory)."""
@@ -134,9 +137,9 @@ class MDP:
     def score(
         self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor
     ) -> tuple[Tensor, dict[str, Tensor]]:
-        """``reward`` (B,) and ``info`` of one step; a ``Total`` of this ``info`` is not evaluated again."""
+        """``reward`` (B,) and ``info`` of one step; a ``Total`` of what ``info`` tells is not evaluated again."""
         told = {} if self.info is None else self.info(q, v, action, q_next, v_next)
-        if isinstance(self.reward, Total) and self.reward.info is self.info:
+        if isinstance(self.reward, Total) and told.keys() >= set(self.reward.terms):
             return self.reward.of(told), told
         return self.reward(q, v, action, q_next, v_next), told
 

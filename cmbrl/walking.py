@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -137,7 +138,29 @@ class Walking:
             observations=1 + 3 + ROOT_V + int(self.angles.sum()) + self._joints, actions=self.nu, observe=self.observe,
             reward=Total(self.info, TERMS), terminated=self.terminated, reset=self.reset, act=self.act, dt=self.dt,
             episode_steps=round(EPISODE / self.dt), failure="falls", info=self.info, shaping=self.alive,
+            controller=self.controller,
         )  # fmt: skip
+
+    def controller(self) -> dict[str, Any]:
+        """What a program needs to walk by a policy: control = home + action_scale action, clipped to control_range."""
+        parts = {
+            "root_height": 1, "vertical_in_root": 3, "root_linear_velocity_in_root": 3,
+            "root_angular_velocity_in_root": 3, "joint_positions_minus_posture": int(self.angles.sum()),
+            "joint_velocities_times_a_tenth": self._joints,
+        }  # fmt: skip
+        names = np.array(self.scene.joint_names[1:])
+        return {
+            "dt": np.array(self.dt),
+            "joint_names": names,
+            "actuator_names": np.array(self.scene.actuator_names),
+            "observed_positions": names[self.angles.numpy()],  # all but those of wheels
+            "observation_parts": np.array(list(parts)),
+            "observation_sizes": np.array(list(parts.values())),
+            "posture": self.q0[ROOT_Q:][self.angles].numpy(),
+            "home": self.home.numpy(),
+            "action_scale": self.scale.numpy(),
+            "control_range": np.stack([self.low.numpy(), self.high.numpy()], axis=1),
+        }
 
     @property
     def _joints(self) -> int:

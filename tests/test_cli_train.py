@@ -135,6 +135,24 @@ def test_evaluate_shows_the_gap_in_numbers_that_python_gives(place: Path, capsys
     assert "model" not in capsys.readouterr().out
 
 
+def test_a_policy_is_judged_in_another_real_system_of_its_robot(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    returns = {}
+    for task in ("hopper", "hopper@payload:3"):
+        given = [] if task == "hopper" else ["--task", task]
+        assert main(["evaluate", str(place / "run"), *given, "--real", "--episodes", "2", "--json"]) == 0
+        found = json.loads(capsys.readouterr().out)
+        assert found["task"] == task
+        returns[task] = found["in"]["real"]["returns"]
+    process, policy = load_task("hopper").mdp, load_policy(place / "run").policy
+    hidden = load_task("hopper@payload:3").system
+    assert process is not None
+    assert hidden is not None
+    assert returns["hopper@payload:3"] == evaluate_real(policy, process(), hidden, 2, seed=0).returns.tolist()
+    assert returns["hopper@payload:3"] != returns["hopper"]
+
+
 def test_an_episode_that_is_played_is_the_one_that_is_evaluated(place: Path) -> None:
     task = load_task("hopper")
     assert task.mdp is not None
@@ -302,6 +320,8 @@ MISTAKES = {
     "policy with NaN": ("evaluate spoiled", "spoiled", "not finite"),
     "policy of a task without reward": ("evaluate of_no_task", "cube_toss", ""),
     "policy of another robot": ("evaluate of_cheetah", "17 observations", "train again"),
+    "judged on another robot": ("evaluate run --task cheetah", "--task cheetah", "name a task of that robot"),
+    "judged in no task": ("evaluate run --task hoper", "'hoper'", "did you mean 'hopper'"),
     "played on another robot": ("play of_cheetah --out clip.gif", "17 observations", "train again"),
     "evaluated in the real system as a model": ("evaluate run --model real", "`real` is not a model", "use --real"),
     "evaluated in an unknown model": ("evaluate run --model nominla", "nominla", "nominal"),

@@ -27,6 +27,28 @@ def test_a_total_evaluates_its_info_once_and_is_the_reward():
     assert list(told) == ["seen", "first", "second"]
 
 
+def test_terms_alone_are_a_reward_where_nothing_else_is_asked_for():
+    """A method of an object is another object each time, so that a process is not to be told by which one it holds."""
+
+    class Counted:
+        calls: tuple[str, ...] = ()
+
+        def earned(self, *step):
+            self.calls += ("earned",)
+            return {"first": step[0][:, 1]}
+
+        def info(self, *step):
+            self.calls += ("info",)
+            return {"first": step[0][:, 1], "seen": step[0][:, 0]}
+
+    counted = Counted()
+    mdp = replace(load_task("hopper").mdp(), info=counted.info, reward=Total(counted.earned, ("first",)))
+    score, _ = mdp.score(*STEP)
+    assert counted.calls == ("info",)
+    assert torch.equal(mdp.reward(*STEP), score)
+    assert counted.calls == ("info", "earned")
+
+
 def test_another_reward_or_info_counts_alone():
     """A process with one of the two replaced takes neither number from the old one."""
     mdp = load_task("hopper").mdp()

@@ -50,6 +50,38 @@ def walking(tmp_path, xml=None, **settings):
     return Walking(walker, Scene.from_mjcf(path), 0.02)
 
 
+def test_what_a_controller_is_told_makes_the_observations_and_commands(tmp_path):
+    made = walking(tmp_path)
+    told, mdp = made.controller(), made.process()
+    q, v = mdp.reset(3, torch.Generator().manual_seed(0))
+    q[:, 3:7] = torch.nn.functional.normalize(torch.randn(3, 4, dtype=torch.float64), dim=1)
+    action = torch.rand(3, mdp.actions, dtype=torch.float64) * 2 - 1
+    _, _, u = mdp.act(q, v, action)
+    for k in range(3):
+        w, x, y, z = q[k, 3:7].tolist()
+        turn = np.array(  # of the world into the root
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
+                [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
+                [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        parts = {
+            "root_height": q[k, 2:3].numpy(),
+            "vertical_in_root": turn[:, 2],
+            "root_linear_velocity_in_root": turn @ v[k, :3].numpy(),
+            "root_angular_velocity_in_root": v[k, 3:6].numpy(),
+            "joint_positions_minus_posture": q[k, 7:].numpy() - told["posture"],
+            "joint_velocities_times_a_tenth": 0.1 * v[k, 6:].numpy(),
+        }
+        seen = [parts[name] for name in told["observation_parts"]]
+        assert [len(part) for part in seen] == told["observation_sizes"].tolist()
+        assert np.allclose(np.concatenate(seen), mdp.observe(q, v)[k].numpy(), atol=1e-12)
+        asked = np.clip(told["home"] + told["action_scale"] * action[k].numpy(), *told["control_range"].T)
+        assert np.allclose(asked, u[k].numpy(), atol=1e-12)
+    assert told["joint_names"].tolist() == list(told["observed_positions"]) == list(made.scene.joint_names[1:])
+
+
 def test_it_starts_in_its_posture_with_its_feet_on_the_floor(tmp_path):
     made = walking(tmp_path)
     assert made.height == pytest.approx(0.4 * math.cos(0.6) + 0.02)

@@ -27,6 +27,7 @@ EXAMPLE = """
 cmbrl evaluate runs/policy                      # in the real system and the model
 cmbrl evaluate runs/policy --real --episodes 50 --json
 cmbrl evaluate runs/policy --model runs/other_fit
+cmbrl evaluate runs/policy --task hopper@payload:3 --real   # in another real system of that robot
 cmbrl evaluate runs/walk --robustness --episodes 5
 cmbrl evaluate runs/walk --simulator drake      # a second opinion on contact
 """
@@ -35,6 +36,11 @@ cmbrl evaluate runs/walk --simulator drake      # a second opinion on contact
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("policy", metavar="POLICY", help="the folder of a policy: a `cmbrl train` run")
     parser.add_argument("--model", metavar="M", help=f"only in this model: {MODEL_HELP}; with --real, in both")
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help="judge it in this task, whose real system is another one of the same robot, as hopper@payload:3 or a file",
+    )
     parser.add_argument("--real", action="store_true", help="only in the real system")
     parser.add_argument("--episodes", type=positive, default=10, metavar="N", help="episodes in each (default 10)")
     parser.add_argument(
@@ -80,7 +86,7 @@ def run(arguments: argparse.Namespace) -> None:
     simulator = _simulator(arguments.simulator)
     if (perturbation or arguments.robustness or simulator) and word is not None:
         raise UserError("--perturb, --robustness and --simulator are of the real system: leave out --model")
-    trained = Trained.load(arguments.policy)
+    trained = Trained.load(arguments.policy, arguments.task)
     policy, task, mdp = trained.saved.policy, trained.task, trained.mdp
     found: dict[str, Evaluation] = {}
     if arguments.robustness:

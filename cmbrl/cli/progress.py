@@ -38,13 +38,16 @@ def fraction(what: str) -> Iterator[Callable[[float, str], None]]:
 
 
 def _lines(what: str) -> Callable[[float, str], None]:
-    """Writes what it is called with, but none of the first ``EVERY`` seconds and one line in as many."""
+    """Writes what it is called with, but none of the first ``EVERY`` seconds and one line in as many.
+
+    What comes at the end, after a line before, is written at once: nothing more may be said for minutes.
+    """
     begun = told = monotonic()
 
     def show(done: float, text: str) -> None:
         nonlocal told
         now = monotonic()
-        if now - told >= EVERY:
+        if now - told >= EVERY or (done >= 1.0 and told > begun):
             told = now
             print(f"{what}: {done:.0%}, {now - begun:.0f} s, {text}", file=sys.stderr, flush=True)
 

@@ -225,6 +225,8 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
         print(f"{out}: {trainer.gradients}")
     if outcome.failed_trials:
         print(f"{out}: {foretold(outcome.failed_trials, fitted, loop)}")
+    if trainer.judged is not None and "policy" in trainer.earned:  # other episodes than those of the training
+        print(f"{out}: whole episodes of an evaluation earn {trainer.earned['policy']:.4g} in the model")
     if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
         print(f"{out}: {told}")
     if stops := _early(getattr(trainer, "model", None)):

@@ -84,13 +84,19 @@ def evaluate_real(
 
 @torch.no_grad()
 def evaluate_model(
-    actor: Actor, mdp: MDP, model: Model, episodes: int, seed: int = 0, disturbance: Disturbance | None = None
+    actor: Actor,
+    mdp: MDP,
+    model: Model,
+    episodes: int,
+    seed: int = 0,
+    disturbance: Disturbance | None = None,
+    tell: bool = True,
 ) -> Evaluation:
     """Episodes of the deterministic policy in a model, all in one batch, under ``disturbance`` if given.
 
-    An episode whose state is not finite ends there.
+    An episode whose state is not finite ends there. ``tell``: with the process's ``info``.
     """
-    simulation = Simulation(mdp, model, episodes, seed, disturbance, tell=True)
+    simulation = Simulation(mdp, model, episodes, seed, disturbance, tell=tell)
     running = torch.ones(episodes, dtype=torch.bool)
     returns, lengths = torch.zeros(episodes, dtype=torch.float64), torch.zeros(episodes)
     ended = torch.zeros(episodes, dtype=torch.bool)

@@ -62,13 +62,14 @@ class _History:
     def process(self) -> MDP:
         mdp = self.mdp
         info = None if mdp.info is None else self._of_step(mdp.info)
-        same = isinstance(mdp.reward, Total) and mdp.reward.info is mdp.info
-        reward = Total(info, mdp.reward.terms) if same and info and isinstance(mdp.reward, Total) else None
+        reward = self._of_step(mdp.reward)
+        if isinstance(mdp.reward, Total):
+            reward = Total(self._of_step(mdp.reward.info), mdp.reward.terms)
         return replace(
             mdp,
             observations=mdp.observations + self.width,
             observe=self.observe,
-            reward=reward or self._of_step(mdp.reward),
+            reward=reward,
             terminated=self._of_state(mdp.terminated),
             reset=self.reset,
             act=self.act,

@@ -31,8 +31,8 @@ LEVELS: dict[str, tuple[float, ...]] = {
 class Perturbation:
     """What is different; None or 0: nothing.
 
-    friction: sliding friction of every contact. payload: mass [kg] added to the heaviest body, at its centre of mass;
-    of an arm, all of whose hinges have motors and whose base is fixed, to its last link.
+    friction: sliding friction of every contact. payload: mass [kg] added to the heaviest body that moves, at its centre
+    of mass; of an arm, whose base is fixed and whose hinges have motors up to its gripper, to its last link.
     push: change of the root's horizontal velocity [m/s], every 2 s in a random direction. delay: of commands [s], up to
     a control step. contact_time: time constant of every contact [s], MuJoCo's 0.02 by default: how hard floors and feet
     are. The robot takes shorter steps where MuJoCo would keep contacts softer than that, above two steps.
@@ -112,18 +112,27 @@ def _change(robot: MujocoSystem, perturbation: Perturbation) -> None:
 
 
 def _carrier(model: Any) -> int:
-    """The body of a compiled model that takes a payload: what an arm's heaviest link carries loads no motor."""
+    """The body of a compiled model that takes a payload: the heaviest, or the last link of an arm.
+
+    An arm's heaviest link may turn about the vertical, or stand still, where a payload costs no motor anything. An arm
+    is what hangs on motors alone: no joint without one carries a hinge that has one. What follows its last motor on
+    a hinge is a gripper, whose fingers may have none of their own.
+    """
     import mujoco
 
-    kind, motor = np.asarray(model.jnt_type), np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
-    hinges = np.flatnonzero(kind == mujoco.mjtJoint.mjJNT_HINGE)
-    single = np.isin(kind, (mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE)).all()
-    if not len(hinges) or not single or not np.isin(hinges, model.actuator_trnid[motor, 0]).all():
-        return int(np.argmax(model.body_mass))
-    above = np.zeros(model.nbody)  # hinges that move a body
+    kind, at = np.asarray(model.jnt_type), np.asarray(model.jnt_bodyid)
+    motor = np.asarray(model.actuator_trntype) == mujoco.mjtTrn.mjTRN_JOINT
+    driven = np.isin(np.arange(model.njnt), model.actuator_trnid[motor, 0])
+    motors, free = np.zeros(model.nbody), np.zeros(model.nbody)  # up to each body: driven hinges, joints without
+    arm = True
     for body in range(1, model.nbody):
-        above[body] = above[model.body_parentid[body]] + (model.jnt_bodyid[hinges] == body).sum()
-    return int(np.argmax(above))
+        parent, own = model.body_parentid[body], at == body
+        hinges = (own & driven & (kind == mujoco.mjtJoint.mjJNT_HINGE)).sum()
+        arm &= not (hinges and free[parent] + (own & ~driven).sum())
+        motors[body], free[body] = motors[parent] + hinges, free[parent] + (own & ~driven).sum()
+    if arm and motors.any():
+        return int(np.argmax(motors))
+    return int(np.argmax(np.where(np.asarray(model.body_weldid) > 0, model.body_mass, -1.0)))
 
 
 class PerturbedSystem:

@@ -48,12 +48,14 @@ EPISODES = 64  #: of each trial
 _SLOW = 4  # times fewer episodes in the file's short steps
 
 
-def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> dict[str, Evaluation]:
+def trials(
+    policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0, tell: bool = False
+) -> dict[str, Evaluation]:
     """Episodes in the model by trial, all under the model's draws.
 
     They are "draws", "late", "parameters" if the model has no draws, "pushed" if it has a base, "law", under the other
     law of sliding, if it has one, and "mujoco", a quarter as many, in MuJoCo's own step of the file, where that is
-    another.
+    another. ``tell``: with the process's ``info``, which may take as long as the steps.
     """
     harder: dict[str, Model] = {"draws": model, "late": Disturbed(model, late=LATE, seed=seed)}
     inner = model.model if isinstance(model, Wraps) else model
@@ -70,13 +72,22 @@ def trials(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed
         harder["parameters"] = model
         tables["parameters"] = Disturbance(parameters=parameter_sets(model, SPREAD, seed=seed))
     count = {name: -(-episodes // _SLOW) if name == "mujoco" else episodes for name in harder}
-    return {name: evaluate_model(policy, mdp, one, count[name], seed, tables[name]) for name, one in harder.items()}
+    return {
+        name: evaluate_model(policy, mdp, one, count[name], seed, tables[name], tell) for name, one in harder.items()
+    }
 
 
-def of_draws(policy: Actor, mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> Evaluation:
-    """The first of the trials alone."""
-    parameters = Disturbance(parameters=parameter_sets(model, 0.0, seed=seed))
-    return evaluate_model(policy, mdp, model, episodes, seed, parameters)
+def of_draws(
+    policy: Actor,
+    mdp: MDP,
+    model: Model,
+    episodes: int = EPISODES,
+    seed: int = 0,
+    parameters: np.ndarray | None = None,
+) -> Evaluation:
+    """The first of the trials alone; ``parameters``: sets in place of the model's draws."""
+    drawn = parameter_sets(model, 0.0, seed=seed) if parameters is None else parameters
+    return evaluate_model(policy, mdp, model, episodes, seed, Disturbance(parameters=drawn), tell=False)
 
 
 def without_action(mdp: MDP, model: Model, episodes: int = EPISODES, seed: int = 0) -> Evaluation:

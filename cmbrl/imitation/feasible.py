@@ -2,8 +2,9 @@
 
 At frames of the motion M a + h = tau + J^T f is solved for torques tau of the joints and forces f of the floor in
 their friction cones, without a force on a free root. What is left at the root no floor can give; what a motor cannot
-give is told from its limit. A motion may ask a little too much here and there: a policy deviates. One that does so all
-the time was made for another body, rate or floor.
+give is told from its limit, and from what a servo's gains make of the farthest target that it may be given. A motion
+may ask a little too much here and there: a policy deviates. One that does so all the time was made for another body,
+rate or floor.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
+from cmbrl.data.drive import law_of
+from cmbrl.imitation import joints
 from cmbrl.imitation.joints import ground, root
 from cmbrl.imitation.motion import Motion
 from cmbrl.models.complementarity import ComplementarityModel
@@ -27,6 +30,8 @@ NEAR = 0.02  # m above the floor: what is nearer bears weight
 BALANCE = 100.0  # weight of the root's balance against small torques
 MISSING, SLIDING = 0.25, 0.3  # share of the weight; m/s of all that bears weight
 OFTEN, WEAK = 0.25, 0.1  # shares of frames from which a floor, and a motor, are told
+SOFT = 0.99  # of the largest torque: a servo that gives less there lacks gain, not strength
+LAG = 0.1  # rad, or of a slide's range: so far a robot may be off the motion, and its servo pulls by that much more
 
 
 @dataclass(frozen=True)
@@ -34,14 +39,15 @@ class Demand:
     """What F frames ask.
 
     missing (F,): force on the root that no floor gives, by weight, and moment [m], by weight; nan in flight and for a
-    root that is fixed. share (F, nu): torques by their limits. slide (F,): speed of the slowest point that bears
-    weight [m/s]; nan where none does.
+    root that is fixed. share (F, nu): torques by the largest ones that the motors can give there. slide (F,): speed of
+    the slowest point that bears weight [m/s]; nan where none does. torque (F, nu): what is asked [N m, N].
     """
 
     frame: NDArray[np.int64]
     missing: Array
     share: Array
     slide: Array
+    torque: Array
 
 
 def demand(scene: Scene, motion: Motion, frames: int = FRAMES) -> Demand:
@@ -53,11 +59,11 @@ def demand(scene: Scene, motion: Motion, frames: int = FRAMES) -> Demand:
     weight = float(np.linalg.norm(scene.gravity)) * scene.total_mass
     friction = scene.core.P[[scene.layout.contact(k) for k in range(scene.core.ncontact)]]
     line = np.array(scene.core.act_line)
-    limit = np.where(line < scene.nv, strongest(scene), np.inf)  # of tendons nothing is told
     at = np.minimum(line, scene.nv - 1)
+    low, high = _given(scene, motion.q[chosen], motion.v[chosen])
     scale = np.where(np.arange(scene.nv) < 6, BALANCE, 1.0) if free else np.ones(scene.nv)
     missing, slide = np.full((2, len(chosen)), np.nan)
-    share = np.zeros((len(chosen), scene.nu))
+    torque = np.zeros((len(chosen), scene.nu))
     for k, (frame, a) in enumerate(zip(chosen, acceleration, strict=True)):
         q, v = motion.q[frame], motion.v[frame]
         found = model.smooth_dynamics(q[None], v[None], contacts=free)
@@ -72,8 +78,37 @@ def demand(scene: Scene, motion: Motion, frames: int = FRAMES) -> Demand:
                 asked = asked - edges.T @ forces
                 slide[k] = np.linalg.norm(rows[:, 1:3] @ v, axis=1).min()
                 missing[k] = (np.linalg.norm(asked[:3]) + np.linalg.norm(asked[3:6])) / weight
-        share[k] = np.abs(asked[at]) / limit
-    return Demand(chosen, missing, share, slide)
+        torque[k] = asked[at]
+    share = np.abs(torque) / np.where(torque < 0.0, -low, high)
+    return Demand(chosen, missing, share, slide, torque)
+
+
+def _given(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
+    """The least and the largest torque [N m, N] (F, nu) that each motor can give at q (F, nq), v (F, nv).
+
+    Those of a servo follow from its gains, and from targets within its range that an action can ask for.
+    """
+    core, layout = scene.core, scene.layout
+    gear, bias, drag = (
+        np.array([core.P[layout.actuator(i, of)] for i in range(scene.nu)]) for of in ("gear", "bias1", "bias2")
+    )
+    first_q, first_v = root(scene)
+    line = np.minimum(core.act_line, scene.nv - 1)
+    position, rate = q[:, first_q + line - first_v], v[:, line]
+    lag = joints.noise(scene, LAG)[line - first_v]
+    ends = np.reshape(core.act_ctrl, (-1, 2)) / joints.controls_per_length(scene).numpy()[:, None]
+    limit, reach = strongest(scene), joints.reach(scene, 1.0)
+    reach = np.where(np.isfinite(limit), np.inf, reach)
+    servo = np.array([law_of(scene, i)[0] == "position" for i in range(scene.nu)])
+    stiffness, damping = np.where(servo, -bias * gear**2, 1.0), np.where(servo, -drag * gear**2, 0.0)
+    sides = []
+    for sign, end in ((-1.0, ends.min(axis=1)), (1.0, ends.max(axis=1))):
+        room = np.minimum(sign * (end - position), reach).clip(min=0.0) + lag
+        force = np.where(servo, stiffness * room - sign * damping * rate, np.inf)
+        least = stiffness * lag  # where a fast joint turns its servo's damping against it
+        most = np.minimum(np.maximum(force, np.where(servo, least, np.inf)), limit)
+        sides.append(sign * np.where(core.act_line < scene.nv, most, np.inf))  # of tendons nothing is told
+    return sides[0], sides[1]
 
 
 def doubts(scene: Scene, motion: Motion) -> list[str]:
@@ -98,8 +133,15 @@ def doubts(scene: Scene, motion: Motion) -> list[str]:
     weak = (asked.share > 1.0).mean(axis=0)
     if (often := weak.max()) >= WEAK:
         k = int(weak.argmax())
-        found.append(
-            f"{scene.actuator_names[k]} lacks torque in {often:.0%} of the time, and would need up to "
-            f"{asked.share[:, k].max():.2g} times its largest: slower, or with less bent joints"
-        )
+        worst = int(asked.share[:, k].argmax())
+        asks, times = abs(asked.torque[worst, k]), asked.share[worst, k]
+        told = f"{scene.actuator_names[k]} lacks torque in {often:.0%} of the time"
+        if asks / times < SOFT * strongest(scene)[k]:  # not its limit: its gains
+            found.append(
+                f"{told}: it would need up to {asks:.2g} N m or N, and by its gains and the range of its targets gives "
+                f"{asks / times:.2g} there: give the gains of the robot's driver, Robot(drives=...)"
+            )
+        else:
+            more = f"and would need up to {times:.2g} times its largest"
+            found.append(f"{told}, {more}: slower, or with less bent joints")
     return found

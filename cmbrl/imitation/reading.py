@@ -85,7 +85,10 @@ def _npz(file: Path, scene: Scene) -> tuple[Array, float]:
 def _by_name(file: Path, q: Array, names: list[str], scene: Scene) -> Array:
     wanted, first = list(joint_names(scene)), root(scene)[0]
     if missing := [name for name, has in zip(wanted, driven(scene), strict=True) if has and name not in names]:
-        raise UserError(f"{file}: has no joint {missing[0]!r} of {scene.name}: is it a motion of another robot?")
+        raise UserError(
+            f"{file}: has no joint {missing[0]!r} of {scene.name}: is it a motion of another robot? One that keeps "
+            "still needs a column, too"
+        )
     if q.shape[1] != first + len(names):
         raise UserError(
             f"{file}: q has {q.shape[1]} columns for {'a root and ' if first else ''}{len(names)} joints; give "
@@ -103,8 +106,10 @@ def _check_shape(file: Path, rows: Array, scene: Scene) -> None:
     if not len(rows):
         raise UserError(f"{file}: has no frames")
     if rows.shape[1] != scene.nq:
-        first = root(scene)[0]
+        first, has = root(scene)[0], driven(scene)
+        passive = [name for name, one in zip(joint_names(scene), has, strict=True) if not one] or [""]
+        told = f" Joints without a servo, as {passive[0]!r}, may be missing in an npz with joint_names"
         raise UserError(
             f"{file}: {rows.shape[1]} columns, but {scene.name} has {scene.nq} coordinates (root {first}, joints "
-            f"{scene.nq - first}): is it a motion of another robot?"
+            f"{scene.nq - first}): is it a motion of another robot?{told * (not has.all())}"
         )

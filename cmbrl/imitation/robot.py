@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from cmbrl.imitation.tracking import Tracking
     from cmbrl.scene import Scene
     from cmbrl.scene.drives import Drive
+    from cmbrl.system import SystemFactory
 
 
 # Chosen on the G1's walk: windows of 32 steps; little noise, since the model and MuJoCo agree; small nets, which take
@@ -65,6 +66,7 @@ def imitation_task(
     substeps: int = 4,
     training: Mapping[str, Mapping[str, Any]] | None = None,
     change: Callable[[Any], object] | None = None,
+    system: SystemFactory | None = None,
 ) -> Task:
     """A task for ``robot``: to imitate the motion that ``own`` makes, or one in a file (:meth:`Task.of_motion`).
 
@@ -76,7 +78,12 @@ def imitation_task(
         substeps: the model's physics steps in it.
         training: settings by algorithm, over those for imitation.
         change: of the real robot, as for :class:`cmbrl.system.MujocoSystem`; default: it is the one of the file.
+        system: makes the real robot instead, as a driver, or MuJoCo with late commands and noise: for any motion.
+
+    Raises UserError where both are given.
     """
+    if system is not None and change is not None:
+        raise UserError(f"task {name!r}: change is of MuJoCo's robot, and system makes another: leave one out")
 
     def with_motion(motion: Callable[[Scene], Motion]) -> Task:
         @cache  # made when it is needed first: it loads the scene and the motion
@@ -97,9 +104,9 @@ def imitation_task(
             from cmbrl.envs.recording import record_process
 
             trial = tracking().trial()  # to its end: what fits the robot's motion is a whole motion
-            return record_process(trial, system, episode_steps=trial.episode_steps, **arguments)
+            return record_process(trial, system or simulated, episode_steps=trial.episode_steps, **arguments)
 
-        def system() -> Any:
+        def simulated() -> Any:
             from cmbrl.system import MujocoSystem
 
             return MujocoSystem.of_control(robot.scene, control_dt, change, robot.drives)
@@ -119,7 +126,7 @@ def imitation_task(
             trial=lambda: tracking().trial(),
             reference=lambda: tracking().motion.q,
             of_motion=of_file,
-            system=system,
+            system=system or simulated,
             recorder=record,
         )
         return task

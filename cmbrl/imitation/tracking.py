@@ -18,7 +18,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from cmbrl.imitation import joints
+from cmbrl.imitation import controller, joints
 from cmbrl.imitation.flight import CLEAR, flying
 from cmbrl.imitation.motion import Motion
 from cmbrl.imitation.robot import Robot
@@ -102,10 +102,10 @@ class Tracking:
         terms = (*TERMS, "action_rate", "limits")
         return MDP(
             observations=4 * len(self.low) + self.nu + 9 + self.root_v, actions=self.nu, observe=self.observe,
-            reward=Total(self.info, terms),
+            reward=Total(self.earned, terms),
             terminated=self.terminated, reset=reset, dt=self.dt, episode_steps=min(steps, self.last), act=self.act,
             memory=1 + self.nu, truncated=self.over, failure="falls" if self.root_q else "strays", info=self.info,
-            shaping=self.pull, curriculum=curriculum,
+            shaping=self.pull, curriculum=curriculum, controller=partial(controller.arrays, self),
         )  # fmt: skip
 
     def act(self, q: Tensor, v: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -133,7 +133,11 @@ class Tracking:
         )  # fmt: skip
 
     def info(self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
-        """The terms of the reward, and the bodies' mean distance from the reference in the world [cm], by name (B,)."""
+        """The terms of the reward, and what reports tell besides, by name (B,)."""
+        return self.earned(q, v, action, q_next, v_next) | self._measured(q_next, v_next)
+
+    def earned(self, q: Tensor, v: Tensor, action: Tensor, q_next: Tensor, v_next: Tensor) -> dict[str, Tensor]:
+        """The terms of the reward, by name (B,)."""
         robot, frame, _ = self._split(q_next)
         now, wanted = self._motion(q_next, v_next), self.reference.at(frame)
         place, turn = self._carried(now, wanted)
@@ -152,14 +156,17 @@ class Tracking:
         before = q[:, -self.nu :]
         told["action_rate"] = self.dt * ACTION_RATE * (action - before).square().sum(1)
         told["limits"] = self.dt * LIMITS * beyond.sum(1)
-        return told if torch.is_grad_enabled() else told | self._measured(robot, frame, now, wanted)
+        return told
 
-    def _measured(self, robot: Tensor, frame: Tensor, now: BodyMotion, wanted: BodyMotion) -> dict[str, Tensor]:
+    @torch.no_grad()
+    def _measured(self, q: Tensor, v: Tensor) -> dict[str, Tensor]:
         """What reports tell besides the reward (B,): the bodies' mean distance from the reference in the world [cm].
 
         Where the scene has a floor, also how deep the deepest point is in it [mm], and a number whose mean over the
         motion is the share of the reference's flight, 2 cm above the floor, that the robot spends in flight as well.
         """
+        robot, frame, _ = self._split(q)
+        now, wanted = self._motion(q, v), self.reference.at(frame)
         told = {"body_position_error_cm": 100 * (now.position - wanted.position).norm(dim=-1).mean(1)}
         if self.flight is None:
             return told

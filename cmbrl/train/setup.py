@@ -59,10 +59,10 @@ class Setup:
             extras["data"] = load_log(self.data, self.task.load_scene()) if self.data else None
         config = with_actions_of(self.start, self.config, self.mdp, model) if self.start else self.config
         trainer: Trainer = chosen.load()[0](self.mdp, model, config, seed=self.seed, **extras)
+        trainer.judged = None if self.task.trial is None else self.task.trial()
         if self.start:
             assert isinstance(trainer, WindowLearner)  # as those that go on are
             trainer.begin_with(carried_over(self.start, trainer.policy.architecture))
-        trainer.judged = None if self.task.trial is None else self.task.trial()
         return trainer
 
 

@@ -80,6 +80,32 @@ def test_payload_is_carried_by_the_last_link_of_an_arm(tmp_path: Path) -> None:
     assert robot.robot.model.body_mass.tolist() == pytest.approx([0.0, 5.0, 1.0, 3.5])  # type: ignore[attr-defined]
 
 
+@pytest.mark.parametrize(
+    ("fingers", "root", "masses"),
+    [
+        ('<joint name="f" axis="1 0 0"/>', "", [5.0, 1.0, 3.5, 0.1]),  # a gripper without a motor of its own
+        ('<joint name="f" axis="1 0 0"/>', '<joint name="r" axis="0 1 0"/>', [8.0, 1.0, 0.5, 0.1]),  # legs that swing
+    ],
+)
+def test_fingers_without_motors_leave_a_payload_on_the_last_link(
+    tmp_path: Path, fingers: str, root: str, masses: list[float]
+) -> None:
+    """The heaviest link of an arm with a gripper had taken it, though it turns about the vertical."""
+    end = '<joint name="c" axis="0 1 0"/><geom size="0.1" mass="0.5"/>'
+    text = ARM.replace(end, f'{end}<body pos="0.2 0 0">{fingers}<geom size="0.05" mass="0.1"/></body>')
+    (tmp_path / "arm.xml").write_text(text.replace('<joint name="a"', f'{root}<joint name="a"'))
+    robot = perturbed(lambda: MujocoSystem(tmp_path / "arm.xml"), Perturbation(payload=3.0))()
+    assert robot.robot.model.body_mass[1:].tolist() == pytest.approx(masses)  # type: ignore[attr-defined]
+
+
+def test_a_payload_is_on_what_moves(tmp_path: Path) -> None:
+    """A heavy stand under a cart would carry it without any effect."""
+    stand = '<body><geom size="0.1" mass="50"/><body><joint type="slide"/><geom size="0.1" mass="1"/></body></body>'
+    (tmp_path / "cart.xml").write_text(f"<mujoco><worldbody>{stand}</worldbody></mujoco>")
+    robot = perturbed(lambda: MujocoSystem(tmp_path / "cart.xml"), Perturbation(payload=3.0))()
+    assert robot.robot.model.body_mass.tolist() == pytest.approx([0.0, 50.0, 4.0])  # type: ignore[attr-defined]
+
+
 def test_a_push_changes_the_speed_once_in_two_seconds(make) -> None:  # type: ignore[no-untyped-def]
     robot = perturbed(make, Perturbation(push=0.5, friction=0.0), seed=3)()
     robot.reset(rest(robot), np.zeros(7))

@@ -11,13 +11,31 @@ import torch
 
 from cmbrl.cli import main
 from cmbrl.data import Transitions
+from cmbrl.envs.evaluation import evaluate_real
+from cmbrl.envs.of_task import real_system, trial_process
+from cmbrl.errors import UserError
 from cmbrl.imitation import joints
 from cmbrl.imitation.flight import flying
+from cmbrl.imitation.reading import read_motion
+from cmbrl.imitation.robot import Robot, imitation_task
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
+from cmbrl.system import MujocoSystem
 from tests.imitation.own_robot import ARM, CRAWLER, rocking, waving, write
 
 SMALL = [f"--set={name}" for name in ("environments=4", "window=0.06", "actor_hidden=8", "critic_hidden=8")]
+
+
+class Late(MujocoSystem):
+    """Commands act five steps late."""
+
+    def reset(self, q: np.ndarray, v: np.ndarray) -> None:
+        self.waiting: list[np.ndarray] = []
+        super().reset(q, v)
+
+    def step(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        self.waiting.append(u.copy())
+        return super().step(self.waiting[max(0, len(self.waiting) - 6)])
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +68,8 @@ def test_every_command_finds_the_task_of_a_file_again(
     run = str(folder / "run")
     assert trained(folder) == 0
     assert trained(folder, "--resume") == 0
-    capsys.readouterr()
+    told = json.loads((folder / "run/train.json").read_text())
+    assert f"whole episodes of an evaluation earn {told['model_return']['policy']:.4g} in" in capsys.readouterr().out
     assert main(["evaluate", run, "--real", "--episodes", "1", "--json"]) == 0
     real = json.loads(capsys.readouterr().out)["in"]["real"]
     assert real["mean_body_position_error_cm"] > 0
@@ -61,6 +80,46 @@ def test_every_command_finds_the_task_of_a_file_again(
     recorded = ["record", str(folder / "own.py"), "--motion", str(folder / "m.npz"), "--policy", policy]
     assert main([*recorded, "--steps", "30", "--out", str(log)]) == 0
     assert len(Transitions.load(log)) == 30
+
+
+def test_a_real_system_of_ones_own_is_met_by_every_motion(arm: Path) -> None:
+    """Evaluations and logs; it had no place, and one that was put into the task was lost where a motion was named."""
+    task = load_task(str(arm / "own.py"))
+    assert task.of_motion is not None
+    robot = Robot(scene=arm / "robot.xml", tracked=("upper", "lower", "finger"), anchor="upper", ends=("finger",))
+    made = []
+
+    def late() -> MujocoSystem:
+        made.append(Late(robot.scene, 5))
+        return made[-1]
+
+    own = imitation_task("own", "an arm with late commands", robot, system=late)
+    assert own.of_motion is not None
+    plain, delayed = (
+        evaluate_real(lambda o: torch.zeros(len(o), 3), trial_process(each), real_system(each), 1)
+        for each in (task.of_motion(arm / "m.npz"), own.of_motion(arm / "m.npz"))
+    )
+    assert len(made) == 1
+    assert delayed.info["body_position_error_cm"][0] > 1.1 * plain.info["body_position_error_cm"][0]
+    assert len(own.of_motion(arm / "m.npz").record(10)) == 10
+    assert len(made) == 2
+    with pytest.raises(UserError, match="leave one out"):
+        imitation_task("own", "two robots", robot, change=lambda model: None, system=late)
+
+
+@pytest.mark.parametrize(
+    ("names", "told"),
+    [
+        ({}, "8 columns, but crawler has 10 .* Joints without a servo, as 'spin', may be missing in an npz"),
+        ({"joint_names": ["left_hip"]}, "has no joint 'right_hip' of crawler: .* keeps still needs a column, too"),
+    ],
+)
+def test_a_motion_of_some_joints_is_refused_with_a_remedy(
+    crawler: Path, tmp_path: Path, names: dict[str, list[str]], told: str
+) -> None:
+    np.savez(tmp_path / "m.npz", q=rocking()[:, :8], rate=60.0, **names)
+    with pytest.raises(UserError, match=told):
+        read_motion(tmp_path / "m.npz", Scene.from_mjcf(crawler / "robot.xml"), 0.02)
 
 
 def test_no_motion_of_its_own_is_one_line(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

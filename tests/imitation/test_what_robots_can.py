@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 
 from cmbrl.errors import UserError
-from cmbrl.imitation.feasible import demand
+from cmbrl.imitation.feasible import demand, doubts
 from cmbrl.imitation.motion import Motion
 from cmbrl.imitation.reading import read_motion
 from cmbrl.registry import load_task
 from cmbrl.scene import Scene
+from cmbrl.scene.drives import Drive
 from cmbrl.standing import on_floor
 from cmbrl.tasks.g1 import _warm_up
+
+from .own_robot import ARM, waving
 
 RATE = 50.0
 Change = Callable[[np.ndarray], np.ndarray]
@@ -127,3 +130,21 @@ def test_a_standing_robot_asks_for_its_weight_alone(scene: Scene, motion: np.nda
     assert asked.missing.max() < 0.02
     assert asked.slide.max() == pytest.approx(0.0, abs=1e-9)
     assert 0.01 < asked.share.max() < 0.5
+
+
+@pytest.mark.parametrize(
+    ("kp", "text", "told"),
+    [
+        (200.0, ARM, ""),
+        (10.0, ARM, ""),  # 40 N m at 4 rad: the policy may ask for targets that are far away
+        (10.0, ARM.replace('kv="10"', 'kv="10" ctrlrange="-0.5 0.5"'), "shoulder lacks torque"),
+        (2.0, ARM.replace('forcerange="-40 40"', ""), "shoulder lacks torque"),  # without a limit: targets 0.4 rad away
+    ],
+)
+def test_a_servo_without_the_gain_to_follow_is_told(tmp_path: Path, kp: float, text: str, told: str) -> None:
+    """The arm lies level: its shoulder bears 5 N m. No limit of its file is less, but its gain and its range may be."""
+    (tmp_path / "arm.xml").write_text(text)
+    scene = Scene.from_mjcf(tmp_path / "arm.xml", drives=(Drive("shoulder", "position", kp=kp, kd=1.0),))
+    found = doubts(scene, Motion.of_frames(scene, waving(2.0), 60.0, 0.02, "wave"))
+    assert len(found) == (told != "")
+    assert all(word.startswith(told) and "give the gains of the robot's driver" in word for word in found)

@@ -246,4 +246,5 @@ def test_progress_tells_what_takes_long_before_it_begins(tmp_path: Path) -> None
 def test_progress_says_what_was_measured() -> None:
     row = {"return": 312.4, "gradient_norm": 0.71, "gradient_variance": 3.0, "transitions": 1000, "seconds": 12.3}
     assert progress_text(row) == "return 312.4, gradient 0.71 (variance 3), 1k real steps, 12 s"
+    assert progress_text({"return": 14.31, "length": 156.1, "seconds": 1.0}) == "return 14.31 in 156 steps, 1 s"
     assert progress_text({"seconds": 0.2, "steps": 2_048_000}) == "2.05M model steps, 0 s"

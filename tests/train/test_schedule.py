@@ -13,6 +13,7 @@ from cmbrl.registry import load_task
 from cmbrl.train.recipe import configure
 from cmbrl.train.running.run import TrainingRun
 from cmbrl.train.shac import SHAC, SHACConfig
+from cmbrl.train.windows import learner
 from cmbrl.train.windows.schedule import LEARNED, Schedule
 
 from . import slider
@@ -93,3 +94,25 @@ def test_a_run_that_is_given_its_length_has_it() -> None:
     assert configure("shac", task).again == 1
     assert configure("shac", task, {"iterations": 500}).again == 0
     assert configure("shac", task, {"iterations": 500, "again": 2}).again == 2
+
+
+def test_the_same_policy_is_tried_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that may learn on tries it at the end of its updates, and again for its report."""
+    tried: list[torch.Tensor] = []
+
+    def counted(policy, *given):  # type: ignore[no-untyped-def]
+        tried.append(policy.net[0].weight.clone())
+        return trials(policy, *given)
+
+    trials = learner.trials
+    monkeypatch.setattr(learner, "trials", counted)
+    made = SHAC(slider.mdp(), ComplementarityModel(slider.scene(tmp_path)), SMALL)
+    run = TrainingRun(made, tmp_path / "run", {"task": "slider"})
+    outcome = run.train(SMALL.iterations)
+    assert len(tried) == 1 + len(run.trainer.learned_on)
+    assert outcome.failed_trials == made.failed_trials() != {}
+    assert made.earned
+    with torch.no_grad():
+        made.policy.net[0].weight[0, 0] += 0.1
+    made.failed_trials()
+    assert len(tried) == 2 + len(run.trainer.learned_on)

@@ -5,7 +5,10 @@ from __future__ import annotations
 import copy
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 import torch
 
@@ -15,6 +18,7 @@ from cmbrl.train.policies.file import save_policy
 from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.start import carried_over, with_actions_of
+from cmbrl.train.windows import learner
 from cmbrl.train.windows.schedule import LEARNED
 
 from . import slider
@@ -62,21 +66,66 @@ def test_it_observes_as_many_last_actions_as_the_policy_it_begins_with(
         made.begin_with(carried_over(str(tmp_path / "run"), made.policy.architecture))
 
 
-@pytest.mark.parametrize(("rate", "kept"), [(3.0, 0), (0.0, None)])
-def test_a_policy_that_loses_by_going_on_is_kept(rate: float, kept: int | None, tmp_path: Path) -> None:
-    """Steps far too long ruin one that holds the block in the middle; of two that are as good the last is kept."""
+class Chosen:
+    """A curriculum that chooses nothing."""
+
+    def ended(self, q: torch.Tensor, failed: torch.Tensor) -> None: ...
+
+    def state(self) -> dict[str, Any]:
+        return {}
+
+    def restore(self, state: dict[str, Any]) -> None: ...
+
+
+@pytest.mark.parametrize(
+    ("rate", "curriculum", "judged", "kept"),
+    [(3.0, None, False, 0), (0.0, None, False, None), (3.0, Chosen(), True, 0), (3.0, Chosen(), False, None)],
+)
+def test_a_policy_that_loses_by_going_on_is_kept(
+    rate: float, curriculum: Chosen | None, judged: bool, kept: int | None, tmp_path: Path
+) -> None:
+    """Steps far too long ruin one that holds the block in the middle; of two that are as good the last is kept.
+
+    Where a curriculum has the starts, as for motions, an evaluation's tell; without those nothing does.
+    """
     model, mdp = ComplementarityModel(slider.scene(tmp_path)), slider.mdp()
     good = SHAC(mdp, model, replace(SMALL, iterations=60))
     for _ in range(60):
         good.update()
     before = copy.deepcopy(good.policy.state_dict())
-    going_on = SHAC(mdp, model, replace(SMALL, actor_rate=rate, discount=0.5, iterations=12))
+    started = replace(mdp, curriculum=curriculum)
+    going_on = SHAC(started, model, replace(SMALL, actor_rate=rate, discount=0.5, iterations=12))
+    going_on.judged = mdp if judged else None
     going_on.begin_with(before)
     for _ in range(12):
         going_on.update()
     assert going_on.kept == kept
     same = [torch.equal(value, before[name]) for name, value in going_on.policy.state_dict().items()]
     assert all(same) == (kept == 0)
+
+
+@pytest.mark.parametrize(
+    ("lost", "spread", "kept"),
+    [(0.025, 0.002, 0), (0.025, 0.2, None), (0.005, 0.0, None), (-0.1, 0.0, None)],
+)
+def test_a_little_that_is_lost_for_certain_counts(
+    lost: float, spread: float, kept: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a return of 20: in pairs of the same episodes 2.5 % are seen, but not where they differ far more."""
+    rng, asked = np.random.default_rng(0), iter(["after", "before"])
+    common, apart = 20 + rng.normal(0, 5, 64), rng.normal(0, 1, 64)
+    apart = 20 * (lost + spread * (apart - apart.mean()) / apart.std())
+
+    def returns(*given: object, parameters: object) -> Any:
+        assert parameters is made.simulation.disturbance.parameters  # those of `vary`, where it is given
+        return SimpleNamespace(returns=common - apart if next(asked) == "after" else common)
+
+    made = trainer(tmp_path)
+    made.begin_with(made.policy.state_dict())
+    monkeypatch.setattr(learner, "of_draws", returns)
+    monkeypatch.setattr(learner, "without_action", lambda *given: SimpleNamespace(returns=np.zeros(64)))
+    made._keep_what_was_better()
+    assert made.kept == kept
 
 
 def test_schedules_begin_halfway_also_after_a_restart(tmp_path: Path) -> None:

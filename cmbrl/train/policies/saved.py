@@ -24,6 +24,16 @@ def check_motion(folder: str | Path, about: Mapping[str, Any]) -> None:
         raise UserError(f"{motion}: has changed since {folder} was trained on it: restore it, or train again")
 
 
+def _check_robot(folder: str, trained: Task, other: Task) -> None:
+    """Raises UserError unless both tasks are of robots with the same coordinates and actuators."""
+    of = [(scene.coordinate_names, scene.actuator_names) for scene in (trained.load_scene(), other.load_scene())]
+    if of[0] != of[1]:
+        raise UserError(
+            f"--task {other.name}: has other joints or actuators than the robot that {folder} was trained for, "
+            f"{trained.name}: name a task of that robot"
+        )
+
+
 @dataclass(frozen=True)
 class Trained:
     """A policy from ``folder``, the task that it was trained for, and the process that it is judged in."""
@@ -34,19 +44,25 @@ class Trained:
     mdp: MDP
 
     @classmethod
-    def load(cls, folder: str) -> Trained:
-        """Raises UserError when the folder holds no policy, or one that does not fit its task."""
+    def load(cls, folder: str, task_name: str | None = None) -> Trained:
+        """The policy, to be judged in its task or in that of ``task_name``, as another real system of the same robot.
+
+        Raises UserError when the folder holds no policy, or one that does not fit the task.
+        """
         saved = load_policy(folder)
-        motion = saved.about.get("motion")
-        task = task_for(saved.task, motion, saved.about.get("contact_law"), saved.about.get("sliding"))
+        laws = saved.about.get("motion"), saved.about.get("contact_law"), saved.about.get("sliding")
+        task = task_for(task_name or saved.task, *laws)
+        if task_name is not None:
+            _check_robot(folder, task_for(saved.task, *laws), task)
         check_motion(folder, saved.about)
         mdp = observed_by(saved.policy, trial_process(task))
         shape = saved.policy.architecture
         have, need = (shape.observations, shape.actions), (mdp.observations, mdp.actions)
         if have != need:
+            remedy = "train again" if task_name is None else "name a task that has the same"
             raise UserError(
                 f"{folder}: takes {have[0]} observations and gives {have[1]} actions, but task {task.name!r} has "
-                f"{need[0]} and {need[1]}: train again"
+                f"{need[0]} and {need[1]}: {remedy}"
             )
         return cls(Path(folder), saved, task, mdp)
 

@@ -32,10 +32,14 @@ def last_actions_text(count: int) -> str:
 def progress_text(row: Mapping[str, float]) -> str:
     """A row in a few words: return, gradient norm and variance, steps, seconds, as far as they were measured.
 
-    >>> progress_text({"return": 312.4, "gradient_norm": 0.71, "steps": 204800, "seconds": 12.3})
-    'return 312.4, gradient 0.71, 205k model steps, 12 s'
+    Where episodes begin and end anywhere, as those of motions do, a return says little without its steps.
+
+    >>> progress_text({"return": 312.4, "length": 498.7, "gradient_norm": 0.71, "steps": 204800, "seconds": 12.3})
+    'return 312.4 in 499 steps, gradient 0.71, 205k model steps, 12 s'
     """
     parts = [f"return {row['return']:.4g}"] if "return" in row else []
+    if parts and "length" in row:
+        parts[0] += f" in {row['length']:.0f} steps"
     if "gradient_norm" in row:
         variance = f" (variance {row['gradient_variance']:.2g})" if "gradient_variance" in row else ""
         parts.append(f"gradient {row['gradient_norm']:.2g}{variance}")

@@ -7,6 +7,7 @@ import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
+import numpy as np
 import torch
 
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
@@ -24,11 +25,11 @@ from cmbrl.train.windows.config import GROWN, WindowConfig
 from cmbrl.train.windows.critic import Critic
 from cmbrl.train.windows.lost_gradients import PATIENCE, LostGradients, blame
 from cmbrl.train.windows.optimiser import PolicyOptimiser
-from cmbrl.train.windows.peak import LOST
 from cmbrl.train.windows.schedule import Schedule
 
 LATE = 0.75  # share after which no fall of returns is of use: little is left to be found
 MEMORIES = 3  # of the discount: how long the critic of a run that goes on learns before the policy moves
+COST, SURE = 0.01, 3.0  # share of a return, and standard errors, by which a run that goes on may end below its start
 
 
 class WindowLearner(Trainer):
@@ -95,6 +96,7 @@ class WindowLearner(Trainer):
         self.schedule = Schedule(config.iterations, config.again, self.mdp.episode_steps / self.horizon)
         self.returns_to: list[list[int]] = []
         self.begun_with: dict[str, torch.Tensor] = {}  # the policy of another run
+        self._failed: tuple[dict[str, torch.Tensor], dict[str, float]] | None = None  # weights last tried, and shares
 
     def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
         """Goes on from a policy of these weights; rates, noise and episode lengths begin as halfway through.
@@ -104,7 +106,7 @@ class WindowLearner(Trainer):
         """
         self.policy.load_state_dict(weights)
         self.schedule.learned()
-        if not self.mdp.curriculum:  # which has starts of its own, so that returns tell little
+        if not self._tried().curriculum:  # which has starts of its own, so that returns tell little
             self.begun_with = copy.deepcopy(self.policy.state_dict())
 
     @property
@@ -158,14 +160,23 @@ class WindowLearner(Trainer):
         return metrics
 
     def _keep_what_was_better(self) -> None:
-        """Gives the policy the weights that it began with, where noise and rates have cost it much of their return.
+        """Gives the policy the weights that it began with, where going on has cost it some of their return.
 
-        Much is as for returns that fall late: the share LOST of it, or of what it is above that of no action.
+        Both are tried in the same episodes, so that little is told from nothing: the share COST of that return, or of
+        what it is above that of no action, and SURE standard errors of the difference. Parameters are those that
+        training draws, so that what goes on under other friction does so for that.
         """
-        own, earned = copy.deepcopy(self.policy.state_dict()), self._earned()
+        mdp, own = self._tried(), copy.deepcopy(self.policy.state_dict())
+
+        def earned() -> np.ndarray:
+            table = self.simulation.disturbance.parameters
+            return of_draws(self.policy, mdp, self.model, parameters=table).returns
+
+        after = earned()
         self.policy.load_state_dict(self.begun_with)
-        before, idle = self._earned(), float(without_action(self._tried(), self.model).returns.mean())
-        if before - earned > LOST * max(abs(before), before - idle):
+        before, idle = earned(), without_action(mdp, self.model).returns
+        cost, noise = float((before - after).mean()), float((before - after).std()) / math.sqrt(len(after))
+        if cost > max(SURE * noise, COST * max(abs(before.mean()), (before - idle).mean())):
             self.kept = 0
         else:
             self.policy.load_state_dict(own)
@@ -229,11 +240,15 @@ class WindowLearner(Trainer):
         mdp = self._tried()
         if mdp.curriculum:
             return {}
+        weights = self.policy.state_dict()
+        if self._failed is not None and all(torch.equal(x, weights[name]) for name, x in self._failed[0].items()):
+            return dict(self._failed[1])  # at the end of its updates it may have been tried already: that takes minutes
         found, idle = trials(self.policy, mdp, self.model), without_action(mdp, self.model)
         returns = {"policy": found["draws"].returns, "no action": idle.returns}
         self.earned = {name: float(each.mean()) for name, each in returns.items()}
         self.advice = quits(found["draws"], mdp)
-        return failed(found, idle)
+        self._failed = copy.deepcopy(weights), failed(found, idle)
+        return dict(self._failed[1])
 
     def _tried(self) -> MDP:
         """The process of trials."""

@@ -22,7 +22,7 @@ OF_FILES = ("parameters",)  #: of models without draws, which came later still
 
 def tried(policy: Actor, mdp: MDP, model: ComplementarityModel, episodes: int) -> Result:
     """Episodes in the model by trial, with falls as in the hidden robot."""
-    found = trials(policy, watched(observed_by(policy, mdp)), model, episodes, EPISODE_SEED)
+    found = trials(policy, watched(observed_by(policy, mdp)), model, episodes, EPISODE_SEED, tell=True)
     return {name: of_model(evaluation) for name, evaluation in found.items()}
 
 
