@@ -129,7 +129,7 @@ def run(arguments: argparse.Namespace) -> int:
     from cmbrl.fitting import FitResult, fit, fit_or_played, keep
 
     model = source.model(
-        next(iter(data.values())),
+        None if source.task is None else next(iter(data.values())),  # a fit chooses the steps of a file
         time_step=arguments.time_step,
         integrator=arguments.integrator,
         sliding=arguments.sliding,

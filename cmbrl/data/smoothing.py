@@ -3,7 +3,7 @@
 Each column gets the degree and half-width at which a sample is best predicted by its neighbours (leave-one-out error),
 so that a quiet encoder is hardly smoothed and a noisy one is, and a robot that moves much between samples keeps its
 speed (Savitzky and Golay, Analytical Chemistry 36, 1964; the choice by cross-validation: Fan and Gijbels, Local
-Polynomial Modelling, 1996, section 4.6).
+Polynomial Modelling, 1996, section 4.6). Neighbours whose noise a sample shares do not count there (``correlated``).
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmbrl.data.correlated import lasts
 from cmbrl.scene.manifold import rotate_by, rotation_between
 
 _HALF_WIDTHS = (2, 3, 4, 6, 8, 12, 16)  # samples on each side
+_WIDER, _LONGEST = (24, 32, 48, 64), 0.064  # the same of fast logs, up to so long [s]
 _DEGREES = (2, 4)
 _LEAST = 5  # samples of an episode that a parabola can smooth
 
@@ -35,7 +37,13 @@ def smooth(samples: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
     """
     parts = [slice(int(rows[0]), int(rows[-1]) + 1) for rows in _blocks(episode)]
     longest = max(part.stop - part.start for part in parts)
-    trials = [_with(polynomial, samples, dt, parts) for polynomial in _polynomials(longest)]
+    shared, trials = lasts(samples, dt, parts), []
+    for polynomial in _polynomials(longest, dt):
+        value, rate, error = _with(polynomial, samples, dt, parts)
+        for count in np.unique(shared[shared > 1]).tolist():
+            own = shared == count
+            error[own] = _predicted(polynomial, samples[:, own], parts, count)
+        trials.append((value, rate, error))
     best = np.array([error for _, _, error in trials]).argmin(axis=0)
     columns = np.arange(samples.shape[1])
     value, rate = (np.stack([trial[part] for trial in trials])[best, :, columns].T for part in (0, 1))
@@ -65,6 +73,24 @@ def _with(
         squares += (left[half : rows - half] ** 2).sum(axis=0)
         count += rows - 2 * half
     return value, rate, squares / max(count, 1)
+
+
+def _predicted(polynomial: tuple[int, int], samples: np.ndarray, parts: list[slice], count: int) -> np.ndarray:
+    """Mean squares (n,) of what is left of a sample that only those predict which are ``count`` or more away."""
+    squares, rows = np.zeros(samples.shape[1]), 0
+    for part in parts:
+        x = samples[part]
+        half = min(polynomial[1], (len(x) - 1) // 2)
+        steps = np.arange(-half, half + 1)
+        away = np.abs(steps) >= count
+        if away.sum() <= polynomial[0] + 1:
+            return np.full(samples.shape[1], np.inf)
+        powers = steps[away, None] ** np.arange(polynomial[0] + 1)
+        windows = np.lib.stride_tricks.sliding_window_view(x, 2 * half + 1, axis=0)
+        left = x[half : len(x) - half] - windows[:, :, away] @ np.linalg.pinv(powers.astype(float))[0]
+        squares += np.square(left).sum(axis=0)
+        rows += len(left)
+    return squares / max(rows, 1)
 
 
 def smooth_rotations(quaternions: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
@@ -107,9 +133,10 @@ def _rotations_with(
     return value, rate, squares / max(count, 1)
 
 
-def _polynomials(longest: int) -> list[tuple[int, int]]:
+def _polynomials(longest: int, dt: float = np.inf) -> list[tuple[int, int]]:
     """Degrees and half-widths that an episode of ``longest`` samples may have, those of parabolas first."""
-    widths = [width for width in _HALF_WIDTHS if 2 * width < longest] or _HALF_WIDTHS[:1]
+    wider = [width for width in _WIDER if width * dt <= _LONGEST]
+    widths = [width for width in (*_HALF_WIDTHS, *wider) if 2 * width < longest] or _HALF_WIDTHS[:1]
     return [(degree, width) for degree in _DEGREES for width in widths if 2 * width > degree]
 
 

@@ -4,6 +4,8 @@ A loop that logs faster than its sensors tell writes such, row after row. Taken 
 period of the sensor; what lies between fresh readings on a straight line is off by far less.
 
 A noisy encoder repeats a reading now and then by chance, as often as it moves by one count only: such are left alone.
+A coarse one repeats its readings while a joint moves slowly. Where single rows lie between its counts, as those that an
+import has filled in, a count is what lies between the values that come again and again.
 """
 
 from __future__ import annotations
@@ -15,6 +17,8 @@ import numpy as np
 LONGEST = 25  #: rows of one reading; a joint that stays longer may well be at rest
 _COUNTS = 4.0  # smallest changes of the column, by which it moves a row: less is what an encoder's counts do
 _SLOWER = 0.1  # of a column's rows: then its sensor is slower, and every repetition is one, also where it turns back
+_AGAIN = 3  # times that a joint passes a value of an encoder's count
+_ROUNDING = 1e-9  # of a column's range, by which equal readings may differ
 _FEW = 2.5  # counts that noise moves a reading by about as often as by none
 _CLOSER = 0.5  # how much closer to the motion around it a change has to be if it took all the rows, not the last one
 
@@ -25,7 +29,7 @@ def stale(x: np.ndarray) -> np.ndarray:
     It moves as fast before as after, and the next reading catches up with that; a joint that rested would not. Where
     there are many, so are all that repeat for as short a time; where noise explains them, none is.
     """
-    found = np.zeros(len(x), dtype=bool)
+    found, x = np.zeros(len(x), dtype=bool), _rounded(x)
     changed = np.flatnonzero(np.diff(x)) + 1
     if len(changed) < 4:
         return found
@@ -33,7 +37,7 @@ def stale(x: np.ndarray) -> np.ndarray:
     rate = moved / rows
     before, here, after = rate[:-2], rate[1:-1], rate[2:]
     around = 0.5 * (before + after)
-    count = np.abs(moved).min()
+    count = max(np.abs(moved).min(), _between(x[changed]))
     passes = (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) >= _COUNTS * count)
     goes_on = passes & (here * after > 0.0)
     caught_up = np.abs(here - around) < _CLOSER * np.abs(moved[1:-1] - around)
@@ -46,6 +50,23 @@ def stale(x: np.ndarray) -> np.ndarray:
     for k in np.flatnonzero(own).tolist():
         found[changed[k] + 1 : changed[k + 1]] = True
     return found
+
+
+def _rounded(x: np.ndarray) -> np.ndarray:
+    """``x`` (T,) less what arithmetic has made of equal readings."""
+    unit = _ROUNDING * np.ptp(x)
+    return unit * np.round(x / unit) if unit > 0.0 else x
+
+
+def _between(passed: np.ndarray) -> float:
+    """The least distance of two values that come again and again among those ``passed`` (k,), if most of them do.
+
+    Else 0: what moves by many counts a row hardly passes one twice.
+    """
+    values, times = np.unique(passed, return_counts=True)
+    often = times >= _AGAIN
+    told = often.sum() > 1 and times[often].sum() >= 0.5 * len(passed)
+    return float(np.diff(values[often]).min()) if told else 0.0
 
 
 def stale_rows(columns: np.ndarray, episode: np.ndarray) -> np.ndarray:

@@ -96,7 +96,7 @@ def fit(
     one_of(method, METHODS, "method")
     if method == "cma":
         require_library()
-    evidence = Evidence.of(model, data)
+    evidence = Evidence.of(model, data, joining=horizon == "auto")
     evidence = replace(evidence, noisy=_noisy(evidence))
     huber = real(huber, "huber", above=0.0, most=1e6)
     log, space = evidence.log, evidence.space
@@ -149,6 +149,7 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         "typical": course.typical,
         "sliding": course.sliding,
         "finer": course.finer,
+        "joined": evidence.joined,
         "pace": course.pace.told if course.pace else None,
     }  # fmt: skip
     loss, told = (course.loss(budget.polish_rows, told) for told in (False, True))

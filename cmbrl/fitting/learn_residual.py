@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ import torch
 from torch import Tensor
 from torch.nn.functional import huber_loss
 
-from cmbrl.data.several import Logs
+from cmbrl.data.several import Logs, named_logs
 from cmbrl.errors import UserError
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.result import FitResult
@@ -92,8 +92,10 @@ def fit_residual(
         UserError: for a log of another robot or time step, or one too short to hold two of its parts out.
     """
     seed, updates = whole(seed, "seed", least=0), whole(updates, "updates", least=1)
-    evidence = Evidence.of(fitted.model, data)
-    own = int(fitted.report["horizon"])
+    joined = int(fitted.report.get("joined", 1))  # rows of its log that were a step of the fit; a net acts in each
+    model = fitted.model.at(next(iter(named_logs(data).values())).dt) if joined > 1 else fitted.model
+    evidence, fitted = Evidence.of(model, data), replace(fitted, model=model)
+    own = joined * int(fitted.report["horizon"])
     steps = own if evidence.positions_only else min(max(own, SHORTEST), LONGEST)
     steps = steps if horizon is None else whole(horizon, "horizon", least=1)
     learner = _Learner(fitted, evidence, steps, seed, hidden)

@@ -67,6 +67,11 @@ class Variations(ABC):
         whole = abs(count * own - dt) <= TIME_STEP_TOLERANCE * dt
         return self.with_settings(substeps=count, time_step=own if whole else dt / count)
 
+    @property
+    def joins_rows(self) -> bool:
+        """Whether it has the file's time step, and no substeps of its own, so that ``for_log`` may choose them."""
+        return self._settings.substeps == 1 and self._settings.time_step == self.scene.timestep
+
     def in_usual_steps(self) -> bool:
         """Whether its time step is the file's, or as much shorter as its control step needs."""
         own = self._settings

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cmbrl.data.correlated import lasts
 from cmbrl.data.smoothing import smooth, smooth_rotations
 
 
@@ -38,3 +39,36 @@ def test_short_episodes_have_polynomials_that_they_can_tell() -> None:
     assert np.isfinite(found.rate).all()
     seven = episode == 6
     assert found.rate[seven] == pytest.approx(np.repeat(0.2 * np.arange(21, 28), 2).reshape(7, 2))
+
+
+def swing(dt: float, rows: int) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and velocities (T, 1) of a joint that moves slowly and fast."""
+    time, rates, wide = dt * np.arange(rows)[:, None], np.array([2.0, 5.1, 31.0]), np.array([0.8, 0.3, 0.02])
+    return (wide * np.sin(rates * time)).sum(axis=1)[:, None], (wide * rates * np.cos(rates * time)).sum(axis=1)[
+        :, None
+    ]
+
+
+def shared(rows: int, count: int) -> np.ndarray:
+    """Noise (T, 1) of 0.2 mrad that ``count`` neighbours share."""
+    white = np.random.default_rng(0).standard_normal(rows + count - 1)
+    return 2e-4 * np.convolve(white, np.full(count, count**-0.5), "valid")[:, None]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_noise_that_neighbours_share_is_not_taken_for_motion(count: int) -> None:
+    """At 1 kHz; the windows that follow it best err by 0.16 rad/s."""
+    (x, v), rows = swing(1e-3, 8000), np.zeros(8000, dtype=np.int64)
+    noisy = x + shared(8000, count)
+    assert (lasts(noisy, 1e-3, [slice(0, 8000)]) > 1) == (count > 1)
+    assert np.sqrt(((smooth(noisy, 1e-3, rows).rate - v)[50:-50] ** 2).mean()) < 0.02 * max(1.0, count**0.5)
+
+
+@pytest.mark.parametrize("dt", [1e-3, 2e-3, 4e-3, 1e-2, 2e-2, 0.1])
+def test_motion_and_white_noise_are_not_taken_for_shared_noise(dt: float) -> None:
+    x, _ = swing(dt, 4000)
+    bounce = np.abs(np.sin(3.0 * dt * np.arange(4000)))[:, None]
+    steps = np.cumsum(np.random.default_rng(1).choice([-1.0, 0.0, 1.0], (40, 1))).repeat(100)[:, None]
+    columns = [x, x + 2e-4 * np.random.default_rng(0).standard_normal(x.shape), bounce, np.zeros_like(x), steps]
+    assert (lasts(np.hstack(columns), dt, [slice(0, 2000), slice(2000, 4000)]) == 1).all()
+    assert lasts(x[:5], dt, [slice(0, 5)]).tolist() == [1]

@@ -71,6 +71,24 @@ def test_what_rests_or_counts_is_none() -> None:
         assert not stale(column).any()
 
 
+@pytest.mark.parametrize("count", [1.5e-3, 0.01])
+def test_a_coarse_encoder_of_which_rows_were_filled_in_is_none(count: float) -> None:
+    """Rows between its counts, and equal ones that differ in rounding, make its smallest change no count."""
+    x = count * np.round(swing(8000) / count)
+    lost = np.zeros((len(x), 1), dtype=bool)
+    lost[np.random.default_rng(2).choice(len(x), 80, replace=False)] = True
+    x = filled(x[:, None], lost)[:, 0]
+    x *= 1.0 + 1e-16 * np.random.default_rng(3).standard_normal(len(x))
+    assert not stale(x).any()
+
+
+def test_a_slower_encoder_with_counts_is_found_where_rows_were_filled_in() -> None:
+    x = sampled(5e-4 * np.round(swing(8000) / 5e-4), every(8000, 5.0, 5.0))
+    lost = np.zeros((len(x), 1), dtype=bool)
+    lost[np.random.default_rng(2).choice(len(x), 80, replace=False)] = True
+    assert stale(filled(x[:, None], lost)[:, 0]).mean() > 0.5
+
+
 def test_a_noisy_encoder_repeats_readings_by_chance() -> None:
     rng = np.random.default_rng(3)
     for _ in range(5):

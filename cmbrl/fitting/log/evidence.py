@@ -13,6 +13,7 @@ from cmbrl.data.several import Logs, named_logs, scene_of_logs, together
 from cmbrl.data.transitions import Transitions
 from cmbrl.data.unlogged import unlogged
 from cmbrl.errors import UserError
+from cmbrl.fitting.log.joined_rows import joined_rows, rows_to_join
 from cmbrl.fitting.log.position_noise import slopes
 from cmbrl.fitting.search.loss import SEVERAL, PredictionLoss
 from cmbrl.fitting.search.space import Space
@@ -48,12 +49,14 @@ class Evidence:
     free: tuple[Joint, ...] = ()  #: joints that no log tells: those columns of ``log`` are a model's (``following``)
     noisy: bool = False  #: whether sensors of states show noise
     sloped: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))  #: (nv,) rows: ``slopes``
+    joined: int = 1  #: rows of the logs that are one of ``log``
     drifting: dict[int, np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)  #: ``adrift``
 
     @classmethod
-    def of(cls, model: ComplementarityModel, data: Logs) -> Evidence:
+    def of(cls, model: ComplementarityModel, data: Logs, joining: bool = False) -> Evidence:
         """Of logs of states; or of positions, whose encoders may be biased, and whose gains, where told, are known.
 
+        ``joining``: rows of fast logs of positions may be taken together (``joined_rows``).
         Raises UserError for a log of another robot or time step, or one that the model cannot step from.
         """
         logs = named_logs(data)
@@ -62,8 +65,10 @@ class Evidence:
         model = _with_scene(model, scene_of_logs(of_positions, model.scene))
         for each in of_positions.values():
             model = _with_gains(model, each)
-        model = model.for_log(next(iter(logs.values())).dt)
-        log = together(logs, model.scene, model.dt)
+        every = model.for_log(next(iter(logs.values())).dt)
+        log = together(logs, every.scene, every.dt)
+        joined = rows_to_join(log) if joining and positions_only and model.joins_rows else 1
+        log, model = joined_rows(log, joined), every if joined == 1 else model.for_log(joined * log.dt)
         _check_steps(model, log)
         log = log.normalised(model.scene)
         observation = model.observer
@@ -80,7 +85,9 @@ class Evidence:
         free = tuple(unlogged(log, model.scene))
         measured[[joint.vadr for joint in free]] = False
         sloped = np.zeros(model.scene.nv, dtype=np.int64) if positions_only else slopes(model.scene, log)
-        found = cls(model, log, tuple(logs), observation, space, positions_only, measured, free, sloped=sloped)
+        found = cls(
+            model, log, tuple(logs), observation, space, positions_only, measured, free, sloped=sloped, joined=joined
+        )
         return found.following(space.nominal)
 
     def following(self, theta: np.ndarray) -> Evidence:

@@ -69,6 +69,8 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
         f"{report['method']}, "
         f"seed {report['seed']}, {report['seconds']['total']:.1f} s, {report['candidates']} candidates"
     )
+    if (joined := report.get("joined", 1)) > 1:
+        yield f"rows of {1e3 * data['dt']:.3g} ms: every {joined} rows of the log are taken together"
     steps = "1 step" if report["horizon"] == 1 else f"{report['horizon']} steps"
     yield f"error over {steps}: RMSE (1 = the standard deviation of the change) and Huber loss"
     yield f"  {'':<36}{'RMSE':>10}{'loss':>12}{'failed':>8}"
