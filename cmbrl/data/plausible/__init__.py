@@ -17,6 +17,7 @@ from cmbrl.data.plausible import (
     base,
     commands,
     early,
+    elsewhen,
     flight,
     frames,
     joined,
@@ -26,9 +27,11 @@ from cmbrl.data.plausible import (
     overlap,
     ranges,
     readings,
+    slipped,
     still,
     targets,
     units,
+    unlimited,
     weight,
 )
 from cmbrl.data.plausible.finding import Finding, trusting
@@ -54,6 +57,7 @@ def check_positions(log: PositionLog, scene: Scene) -> None:
 
 def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     """All faults of transitions, the most telling first."""
+    yield from units.clock(log["dt"])
     yield from ranges.of_transitions(log, scene)
     found = motion.of_transitions(log, scene)
     yield from targets.as_forces(found, scene)
@@ -90,9 +94,12 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
         limits.past_stops(found),
         still.stuck(found),
         units.turns(found),
+        unlimited.unlimited(found),
         joined.joined(found),
+        slipped.slipped(found),
         units.velocities(found),
         lagging.late(found),
+        elsewhen.elsewhen(found, answers),
         commands.servos(found, answers),
         commands.forces(found, answers),
         early.early(found),
