@@ -12,6 +12,7 @@ from cmbrl.data.plausible.units import DEGREES, LENGTHS
 
 OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far beyond them for a few
 PAST = 0.05  #: share of samples beyond the limits of a joint that no stop holds
+STAYS = 0.1  #: [s] that such a joint stays there; stops of a simulation throw back what is thrown into them
 _HARDLY, _OVER = 0.1, 0.05  # of a range: motion in it; what a share may be beyond it
 
 
@@ -88,11 +89,15 @@ def mirrored(motion: Motion) -> Iterator[Finding]:
 def past_stops(motion: Motion) -> Iterator[Finding]:
     """A warning of joints that go on beyond limits, as those do that turn freely.
 
-    A blow may throw a joint through a stop of a simulation, but not for long.
+    A blow may throw a joint through a stop of a simulation, again and again in a fall, but not for long.
     """
     for k, coordinate in enumerate(motion.coordinates):
         q, low, high = motion.now[:, k], coordinate.low, coordinate.high
-        share = _beyond(q, low, high)
+        if not np.isfinite(high - low):
+            continue
+        room = 0.1 * (high - low)
+        stays = _for_long((q < low - room) | (q > high + room), motion)
+        share = float(stays.mean()) if len(stays) else 0.0
         if share > PAST and not _mirrored(q, low, high) and not motion.wraps[k]:
             yield Finding(
                 f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g}, and in {100 * share:.0f} % of the "
@@ -100,6 +105,17 @@ def past_stops(motion: Motion) -> Iterator[Finding]:
                 "the robot does not hold. Widen the range in the file, or take it out if the joint turns freely",
                 sure=False,
             )
+
+
+def _for_long(rows: np.ndarray, motion: Motion) -> np.ndarray:
+    """Those of the ``rows``, a mask (R,), that last: STAYS, or all of a stretch of the log."""
+    found, least = np.zeros_like(rows), STAYS / motion.dt
+    for block in motion.blocks:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], rows[block], [False]]).astype(int))).reshape(-1, 2)
+        for begin, end in edges.tolist():
+            if end - begin >= min(least, len(rows[block])):
+                found[block.start + begin : block.start + end] = True
+    return found
 
 
 def _beyond(q: np.ndarray, low: float, high: float) -> float:
