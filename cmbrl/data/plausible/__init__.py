@@ -19,6 +19,7 @@ from cmbrl.data.plausible import (
     early,
     elsewhen,
     flight,
+    forces_elsewhen,
     frames,
     joined,
     lagging,
@@ -62,6 +63,7 @@ def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     yield from ranges.of_transitions(log, scene)
     found = motion.of_transitions(log, scene)
     yield from targets.as_forces(found, scene)
+    yield from forces_elsewhen.forces_elsewhen(found, scene)
     yield from _of_motion(found)
     yield from still.turned(log["q"], found.blocks, scene)
     yield from readings.angular(log, scene)
@@ -80,6 +82,7 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     yield from ranges.of_positions(log, scene)
     found = motion.of_positions(log, scene)
     yield from targets.as_forces(found, scene)
+    yield from forces_elsewhen.forces_elsewhen(found, scene)
     yield from _of_motion(found)
     yield from weight.untold(found, scene)
     yield from overlap.of_positions(log, scene)

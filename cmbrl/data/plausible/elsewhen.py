@@ -15,7 +15,7 @@ from cmbrl.data.plausible.motion import LAG, MOST, Motion
 from cmbrl.data.plausible.still import MEANT
 
 _FOLLOWS, _SURELY, _BETTER = 0.95, 0.98, 0.3  # correlation there; of a joint alone; more than at any usual lag
-_OVERLAP = 0.5  # of the log, at least, is compared with itself moved
+OVERLAP = 0.5  #: of the log, at least, is compared with itself moved
 _AS_WELL = 0.02  # of a correlation: a wrong sign explains as much
 
 
@@ -54,20 +54,22 @@ def elsewhen(motion: Motion, answers: tuple[np.ndarray, np.ndarray, np.ndarray])
 
 def _best(target: np.ndarray, place: np.ndarray) -> tuple[int, float]:
     """The number of samples that ``place`` (T,) is ahead of ``target`` (T,) for the largest correlation, and that."""
-    count, most = len(place), int((1.0 - _OVERLAP) * len(place))
-    size = 2 ** int(np.ceil(np.log2(2 * count)))
+    count, most = len(place), int((1.0 - OVERLAP) * len(place))
     lags = np.arange(-most, most + 1)
-
-    def sums(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """Of a[t + lag] * b[t] over t."""
-        spectrum = np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size))
-        return np.asarray(np.fft.irfft(spectrum, size)[lags])
-
     target, place, one = target - target.mean(), place - place.mean(), np.ones(count)
-    n, x, y = sums(one, one), sums(target, one), sums(one, place)
-    xx, yy = sums(target**2, one) - x**2 / n, sums(one, place**2) - y**2 / n
+    n, x, y = sums(one, one, lags), sums(target, one, lags), sums(one, place, lags)
+    xx, yy = sums(target**2, one, lags) - x**2 / n, sums(one, place**2, lags) - y**2 / n
     with np.errstate(invalid="ignore", divide="ignore"):
-        r = np.nan_to_num((sums(target, place) - x * y / n) / np.sqrt(np.maximum(xx * yy, 0.0)), posinf=0.0, neginf=0.0)
+        r = np.nan_to_num(
+            (sums(target, place, lags) - x * y / n) / np.sqrt(np.maximum(xx * yy, 0.0)), posinf=0.0, neginf=0.0
+        )
     known = (xx > 1e-6 * (target @ target)) & (yy > 1e-6 * (place @ place))
     r = np.where(known, r, 0.0)
     return int(lags[r.argmax()]), float(r.max())
+
+
+def sums(a: np.ndarray, b: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """Of a[t + lag] * b[t] over t, both (T,), for each of the ``lags`` (L,)."""
+    size = 2 ** int(np.ceil(np.log2(2 * len(a))))
+    spectrum = np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size))
+    return np.asarray(np.fft.irfft(spectrum, size)[lags])
