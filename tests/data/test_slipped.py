@@ -58,6 +58,19 @@ def test_a_target_that_jumps_with_its_joint_tells_of_lost_rows(moved: tuple[Posi
     assert "together with commanded_position of 'wrist': were rows lost" in found[0].text
 
 
+def test_one_line_tells_of_lost_rows_whatever_joints_tell_it(moved: tuple[PositionLog, Scene, Path]) -> None:
+    """A servo that follows badly jumps with its target, too, and is no encoder that slips."""
+    log, scene, _ = moved
+    position, command = log.position.copy(), log.command.copy()
+    for joint, follows in ((0, 1.0), (2, 0.5)):
+        command[700:, joint] += 0.8
+        position[700:, joint] += 0.8 * follows
+    found = told(replace(log, position=position, command=command), scene)
+    assert [one.sure for one in found] == [False]
+    assert "'shoulder' jumps by" in found[0].text
+    assert found[0].text.endswith("(and 1 more)")
+
+
 @pytest.mark.parametrize("every", [1, 10], ids=["200 Hz", "20 Hz"])
 def test_steps_of_targets_and_blows_are_no_slip(every: int, moved: tuple[PositionLog, Scene, Path]) -> None:
     """At 20 Hz a step of a target is over within a row or two; a blow is a speed that begins at once."""

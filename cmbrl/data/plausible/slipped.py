@@ -29,12 +29,19 @@ def slipped(motion: Motion) -> Iterator[Finding]:
     if len(motion.now) < 2 * LONG:
         return
     driven = {driver.coordinate: m for m, driver in enumerate(motion.drivers) if driver.position}
+    likely = []
     for k, coordinate in enumerate(motion.coordinates):
         jumps = _jumps(motion, k, MEANT if coordinate.hinge else _SLIDES * MEANT)
         for row in jumps if len(jumps) <= _ROWS else ():
             if found := _told(motion, k, driven.get(k), row):
-                yield found
+                if found.sure:
+                    yield found
+                else:
+                    likely.append(found)
                 break
+    if likely:  # of rows that are lost, all joints tell the same
+        more = f" (and {len(likely) - 1} more)" if len(likely) > 1 else ""
+        yield Finding(f"{likely[0].text}{more}", sure=False)
 
 
 def _jumps(motion: Motion, k: int, meant: float) -> list[int]:
@@ -66,18 +73,16 @@ def _told(motion: Motion, k: int, m: int | None, row: int) -> Finding | None:
         return None
     if m is None:
         return None
+    target, scaled = motion.command_of(m), motion.drivers[m].scale * motion.u[:, m]
+    moved = abs(scaled[row + 1] - scaled[row])
+    if moved > max(_ALIKE * abs(jump), _OFTEN * np.percentile(np.abs(np.diff(scaled)), 99)):  # with it, not before it
+        return Finding(f"{what} together with {target}: were rows lost, or is it another recording?", sure=False)
     shift, spread = _shift(motion, k, m, row)
-    if not spread < _STEADY * abs(jump):
-        return None
-    target = motion.command_of(m)
-    if abs(shift - jump) < _ALIKE * abs(jump):
+    if spread < _STEADY * abs(jump) and abs(shift - jump) < _ALIKE * abs(jump):
         return Finding(
             f"{what} and then follows {target} with an offset that is as much larger: did its encoder slip, or begin "
             "anew from another zero? Fit the rows before or after alone, or take the jump out of the column"
         )
-    moved = motion.drivers[m].scale * float(motion.u[row + 1, m] - motion.u[row, m])
-    if abs(moved - jump) < _ALIKE * abs(jump):  # with its target, not after it
-        return Finding(f"{what} together with {target}: were rows lost, or is it another recording?", sure=False)
     return None
 
 
