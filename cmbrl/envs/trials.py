@@ -127,9 +127,10 @@ def foretold(shares: Mapping[str, float], fitted: bool = True, loop: bool = Fals
     ``loop``: it made that fit itself, from a log of its own, and takes no policy to begin with.
 
     >>> foretold({"draws": 0.0, "late": 0.25, "pushed": 0.125})
-    'in the model alone 0 % of episodes fail; 25 % with commands a step late, 12 % with pushes'
+    'in the model alone 0 % of episodes fail; 25 % with commands a step later than in the fit, 12 % with pushes'
     """
-    harder = [f"{100 * shares[name]:.0f} % with {words}" for name, words in _WORDS.items() if name in shares]
+    words = _WORDS | ({"late": "commands a step later than in the fit"} if fitted else {})
+    harder = [f"{100 * shares[name]:.0f} % with {words[name]}" for name in words if name in shares]
     told = f"in the model alone {100 * shares['draws']:.0f} % of episodes fail; {', '.join(harder)}"
     if will_fail(shares):
         remedy = "train longer (--iterations) or from another --seed"
@@ -151,6 +152,8 @@ def foretold(shares: Mapping[str, float], fitted: bool = True, loop: bool = Fals
     if not fitted and max(shares.get("late", 0.0), shares.get("parameters", 0.0)) >= LEANS:
         remedy = "fit a log of the robot (cmbrl record, cmbrl fit) and train on that (--model FIT)"
         return f"{told}: it may fail in a robot that is not quite its file, {remedy}"
+    if fitted and shares.get("late", 0.0) >= LEANS:
+        return f"{told} (the late ones are no forecast: the fit's draws have all lateness that its log leaves open)"
     return told
 
 

@@ -94,6 +94,12 @@ def torque_log(file: Path, seed: int = 0, rows: int = 1500) -> Transitions:
     return read_trajectories(q, [rows], 0.005, v, u, scene.difference)
 
 
+def of_rows(q: np.ndarray, v: np.ndarray, dt: float, controls: int = 0) -> Transitions:
+    """Transitions between the rows of ``q`` and ``v`` (T + 1, n), of one episode, under controls of 0."""
+    u, episode = np.zeros((len(q) - 1, controls)), np.zeros(len(q) - 1, dtype=np.int64)
+    return Transitions(q=q[:-1], v=v[:-1], u=u, q_next=q[1:], v_next=v[1:], dt=dt, episode=episode)
+
+
 def swap(array: np.ndarray, a: int, b: int) -> np.ndarray:
     return array[:, [{a: b, b: a}.get(k, k) for k in range(array.shape[1])]]
 

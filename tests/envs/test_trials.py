@@ -173,6 +173,15 @@ def test_an_episode_that_earns_half_has_failed() -> None:
     assert failed({"draws": found(10.0, 12.0, 8.0, 4.0)}, found(2.0, 1.0))["draws"] == 0.25
 
 
+def test_of_a_fit_an_extra_step_of_lateness_is_a_margin_and_no_alarm() -> None:
+    """Its draws have the delays that its log leaves open; a file has none."""
+    told = foretold({"draws": 0.02, "late": 0.94, "pushed": 0.1})
+    assert "94 % with commands a step later than in the fit, 10 % with pushes (the late ones are no forecast" in told
+    assert "no forecast" not in foretold({"draws": 0.02, "late": 0.1})
+    assert "no forecast" not in foretold({"draws": 0.6, "late": 0.94}), "under the draws it fails as well"
+    assert "with commands a step late: it may fail" in foretold({"draws": 0.02, "late": 0.94}, fitted=False)
+
+
 def test_of_a_policy_that_was_trained_on_the_file_no_fit_is_asked_for() -> None:
     for share in (0.4, 1.0):
         assert "policy of the file" in foretold({"draws": share, "late": 0.0})

@@ -13,6 +13,7 @@ from cmbrl.data import read_trajectories
 from cmbrl.data.importing.velocities import smoothed
 from cmbrl.data.position_log import PositionLog
 from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.log import columns
 from cmbrl.fitting.log.columns import ColumnsCheck
 from cmbrl.fitting.log.evidence import Evidence
 
@@ -114,3 +115,12 @@ def test_quaternions_of_a_ball_joint_without_angular_velocities() -> None:
         assert f"q of joint 'shoulder', columns 0 to 3, is explained if the numbers are {order}" in found
     inverse = told(HUNG.format(mass=1.0), logged(q * [1.0, -1.0, -1.0, -1.0]))
     assert "is explained if they turn the world into the body" in inverse
+
+
+@pytest.mark.parametrize(
+    ("loss", "own", "share"),
+    [(1.0, 4.0, 0.25), (1.0, np.inf, 0.0), (np.inf, np.inf, 1.0), (np.inf, 1.0, np.inf), (0.0, 0.0, 1.0)],
+)
+def test_predictions_out_of_all_bounds_are_as_bad_as_others_that_are(loss: float, own: float, share: float) -> None:
+    with np.errstate(all="raise"):
+        assert columns._share(loss, own) == share

@@ -208,3 +208,12 @@ def test_holding_is_no_rival_where_the_noise_of_the_sensors_rules(tmp_path: Path
     row = {**rows[0], **{of: {"hold": 0.8, "nominal": 0.7, "fitted": 0.75} for of in ("rmse", "loss")}}
     assert warning([{**row, "noise": 0.6}]) is None
     assert "loses to the file as it is over 1 step(s)" in str(warning([{**row, "noise": 0.1}]))
+
+
+@pytest.mark.parametrize(("fitted", "told"), [(0.64, False), (0.75, False), (0.85, True), (1.58, True)])
+def test_noise_of_the_file_excuses_no_fit_that_errs_by_far_more(fitted: float, told: bool) -> None:
+    """As of a robot on wheels: the file erred by little more than the noise, and the fit by nine times its square."""
+    errors = {"hold": 15.0, "nominal": 0.64, "fitted": fitted}
+    row = {"steps": 20, "rmse": errors, "loss": errors, "noise": 0.52}
+    assert (warning([row]) is not None) == told
+    assert told == ("the file as it is over 20 step(s)" in str(warning([row])))

@@ -17,7 +17,9 @@ from cmbrl.data.plausible import (
     base,
     commands,
     early,
+    elsewhen,
     flight,
+    forces_elsewhen,
     frames,
     joined,
     lagging,
@@ -25,10 +27,13 @@ from cmbrl.data.plausible import (
     motion,
     overlap,
     ranges,
+    rate,
     readings,
+    slipped,
     still,
     targets,
     units,
+    unlimited,
     weight,
 )
 from cmbrl.data.plausible.finding import Finding, trusting
@@ -54,9 +59,11 @@ def check_positions(log: PositionLog, scene: Scene) -> None:
 
 def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
     """All faults of transitions, the most telling first."""
+    yield from units.clock(log["dt"])
     yield from ranges.of_transitions(log, scene)
     found = motion.of_transitions(log, scene)
     yield from targets.as_forces(found, scene)
+    yield from forces_elsewhen.forces_elsewhen(found, scene)
     yield from _of_motion(found)
     yield from still.turned(log["q"], found.blocks, scene)
     yield from readings.angular(log, scene)
@@ -75,6 +82,7 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     yield from ranges.of_positions(log, scene)
     found = motion.of_positions(log, scene)
     yield from targets.as_forces(found, scene)
+    yield from forces_elsewhen.forces_elsewhen(found, scene)
     yield from _of_motion(found)
     yield from weight.untold(found, scene)
     yield from overlap.of_positions(log, scene)
@@ -90,9 +98,13 @@ def _of_motion(found: motion.Motion) -> Iterator[Finding]:
         limits.past_stops(found),
         still.stuck(found),
         units.turns(found),
+        unlimited.unlimited(found),
         joined.joined(found),
+        slipped.slipped(found),
         units.velocities(found),
+        rate.off(found),
         lagging.late(found),
+        elsewhen.elsewhen(found, answers),
         commands.servos(found, answers),
         commands.forces(found, answers),
         early.early(found),

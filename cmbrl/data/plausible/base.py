@@ -11,19 +11,17 @@ import numpy as np
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.readings import ORDERS
 from cmbrl.data.plausible.still import LONG, MEANT, loud
+from cmbrl.data.plausible.unlimited import IMPOSSIBLE, UNITS, acceleration, unit_of
 from cmbrl.scene.records import WORLD, JointKind
 
 if TYPE_CHECKING:
     from cmbrl.data.position_log import PositionLog
     from cmbrl.scene import Scene
 
-STRIDE = 0.1  #: [s] over which accelerations are taken
-IMPOSSIBLE = 200.0  #: [m/s^2] of a robot's base, root mean square
-LEAST, MOST = 0.1, 20.0  #: the same, as usual
-UNITS = {1e3: "millimetres", 1e2: "centimetres"}
 SAME = 1e-9  #: [m] of a place that does not move, whatever read it in between
 POSES = 20
 OFF, ON = 0.06, 0.03  #: [m] of the lowest point from the floor
+ALOFT = 20.0  #: [m] from the floor: what moves by joints does not fly so high
 
 
 def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
@@ -32,37 +30,26 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
         return
     yield from _unit(log)
     yield from _stuck(log)
-    yield from _order(log, scene)
+    yield from _floor(log, scene)
 
 
 def _unit(log: PositionLog) -> Iterator[Finding]:
     assert log.base is not None
-    step = max(1, round(STRIDE / log.dt))
-    rows = np.arange(step, len(log) - step)
-    rows = rows[log.episode[rows - step] == log.episode[rows + step]]
-    if not len(rows):
-        return
-    place = log.base[:, :3]
-    bend = (place[rows + step] - 2 * place[rows] + place[rows - step]) / (step * log.dt) ** 2
-    usual = float(np.sqrt((bend**2).sum(axis=1).mean()))
+    usual = acceleration(log.base[:, :3], _blocks(log), log.dt)
     if usual > IMPOSSIBLE:
-        yield Finding(f"base_position accelerates by {usual:.3g} m/s^2: {_unit_of(usual)}")
+        yield Finding(f"base_position accelerates by {usual:.3g} m/s^2: {unit_of(usual)}")
 
 
-def _unit_of(usual: float) -> str:
-    """The unit in which a base accelerates by ``usual`` [1/s^2]; both where one moves fast, or the other slowly."""
-    likely = [factor for factor in UNITS if LEAST < usual / factor < MOST] or [max(UNITS)]
-    names = " or ".join(UNITS[factor] for factor in likely)
-    divide = " or ".join(f"{factor:.0f}" for factor in likely)
-    return f"{names} instead of metres? Divide it by {divide}"
+def _blocks(log: PositionLog) -> list[slice]:
+    ends = np.flatnonzero(np.diff(log.episode)) + 1
+    return [slice(*pair) for pair in pairwise([0, *ends.tolist(), len(log)])]
 
 
 def _stuck(log: PositionLog) -> Iterator[Finding]:
     assert log.base is not None
     still = (np.abs(np.diff(log.base, axis=0)) < SAME).all(axis=1) & (np.diff(log.episode) == 0)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    ends = np.flatnonzero(np.diff(log.episode)) + 1
-    blocks = [slice(*pair) for pair in pairwise([0, *ends.tolist(), len(log)])]
+    blocks = _blocks(log)
     for begin, end in edges.reshape(-1, 2).tolist():
         if end - begin < LONG:
             continue
@@ -77,8 +64,11 @@ def _stuck(log: PositionLog) -> Iterator[Finding]:
             return
 
 
-def _order(log: PositionLog, scene: Scene) -> Iterator[Finding]:
-    """Whether the robot is on its floor only with the quaternion in the other order."""
+def _floor(log: PositionLog, scene: Scene) -> Iterator[Finding]:
+    """Whether the robot is on its floor only in another unit, or with the quaternion in the other order.
+
+    A robot that rests or stands accelerates too little to tell millimetres by that.
+    """
     assert log.base is not None
     core = scene.core
     floor = np.array([WORLD in pair for pair in zip(core.con_bodyA, core.con_bodyB, strict=True)], dtype=bool)
@@ -90,14 +80,27 @@ def _order(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     q = np.tile(scene.q0, (len(rows), 1))
     q[:, [address[place] for place in log.coordinates(scene).tolist()]] = log.position[rows]
     turn = balls[0].qadr
-    q[:, turn - 3 : turn] = log.base[rows, :3]
-    off = []
-    for turned in (log.base[rows, 3:], *(reading(log.base[rows, 3:]) for reading in ORDERS.values())):
-        q[:, turn : turn + 4] = turned
-        off.append(float(np.median(np.abs(scene.gaps(q)[:, floor].min(axis=1)))))
-    if off[0] > OFF and min(off) < ON:
-        text = next(text for text, height in zip(ORDERS, off[1:], strict=True) if height < ON)
+
+    def off(place: np.ndarray, turned: np.ndarray) -> float:
+        q[:, turn - 3 : turn], q[:, turn : turn + 4] = place, turned
+        return float(np.median(np.abs(scene.gaps(q)[:, floor].min(axis=1))))
+
+    place, turned = log.base[rows, :3], log.base[rows, 3:]
+    if (own := off(place, turned)) <= OFF:
+        return
+    aloft = own > ALOFT and log.position.size > 0
+    heights = {factor: off(place / factor, turned) for factor in UNITS} if aloft else {}
+    if heights and min(heights.values()) < OFF:
+        factor = min(heights, key=lambda each: heights[each])
         yield Finding(
-            f"by base_quaternion the robot is {off[0]:.2g} m off its floor, and stands on it if the order is another: "
+            f"by base_position the robot is {own:.3g} m off its floor, and on it if these are {UNITS[factor]} instead "
+            f"of metres: divide base_position by {factor:.0f}"
+        )
+        return
+    orders = {text: off(place, reading(turned)) for text, reading in ORDERS.items()}
+    if min(orders.values()) < ON:
+        text = next(text for text, height in orders.items() if height < ON)
+        yield Finding(
+            f"by base_quaternion the robot is {own:.2g} m off its floor, and stands on it if the order is another: "
             f"{text}"
         )

@@ -55,7 +55,7 @@ def _vanished(motion: Motion) -> Iterator[Finding]:
             yield Finding(f"{others} {told}: does another robot, with fewer joints, share the file?")
 
 
-def _unexplained(motion: Motion, servos: list[int], places: list[int]) -> np.ndarray:
+def unexplained(motion: Motion, servos: list[int], places: list[int]) -> np.ndarray:
     """Positions without what is linear in their own targets, now and some time ago."""
     lags = np.unique(np.linspace(0, LAG / motion.dt, 8).round().astype(int))
     rows = np.arange(int(lags[-1]), len(motion.now))
@@ -74,7 +74,7 @@ def offsets(motion: Motion) -> Iterator[Finding]:
     if len(servos) < 2 or rows < 4 * LONG or len(motion.blocks) > 1:
         return
     places = [motion.drivers[m].coordinate for m in servos]
-    rest = _unexplained(motion, servos, places)
+    rest = unexplained(motion, servos, places)
     rows = len(rest)
     counts = np.arange(1, rows)[:, None]
     sums = np.cumsum(rest, axis=0)[:-1]

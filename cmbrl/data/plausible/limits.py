@@ -1,4 +1,4 @@
-"""Positions against the limits of the file: another unit, the other sign, or a joint that no stop holds."""
+"""Positions and targets against the limits of the file: another unit or sign, or a joint that no stop holds."""
 
 from __future__ import annotations
 
@@ -7,46 +7,59 @@ from collections.abc import Iterator
 import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
-from cmbrl.data.plausible.motion import Motion
+from cmbrl.data.plausible.motion import Coordinate, Motion
 from cmbrl.data.plausible.units import DEGREES, LENGTHS
 
 OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far beyond them for a few
 PAST = 0.05  #: share of samples beyond the limits of a joint that no stop holds
+STAYS = 0.1  #: [s] that such a joint stays there; stops of a simulation throw back what is thrown into them
 _HARDLY, _OVER = 0.1, 0.05  # of a range: motion in it; what a share may be beyond it
 
 
 def beyond_limits(motion: Motion) -> Iterator[Finding]:
-    """Positions far beyond the limits of the file, and within them in another unit."""
+    """Positions, and targets, far beyond the limits of the file, and within them in another unit."""
     for k, coordinate in enumerate(motion.coordinates):
-        low, high = coordinate.low, coordinate.high
-        if not np.isfinite(low) or not np.isfinite(high) or motion.wraps[k]:
-            continue
-        q = motion.now[:, k]
-        reach, bound, room = np.abs(q).max(initial=0.0), max(abs(low), abs(high)), 0.1 * (high - low)
-        least = 2 * np.pi if coordinate.hinge else 0.0
-        often = np.mean((q < low - room) | (q > high + room)) > OFTEN if len(q) else False
-        if not (often and reach > max(3 * bound, least)):
-            continue
-        fitting, causes = {}, []
-        for factor, unit in ({DEGREES: "degrees"} if coordinate.hinge else LENGTHS).items():
-            scaled = q / factor
-            if (scaled > low - room).all() and (scaled < high + room).all() and np.ptp(scaled) > 0:
-                fitting[unit] = factor, float(np.ptp(scaled)) / (high - low)
-        if fitting:
-            wanted = "radians" if coordinate.hinge else "metres"
-            divide = " or ".join(f"{factor:.4g}" for factor, _ in fitting.values())
-            degrees = ", or give --angles deg to `cmbrl import`" if coordinate.hinge else ""
-            causes.append(f"{' or '.join(fitting)} instead of {wanted}? Divide the column by {divide}{degrees}")
-        share = _share(q)
-        if share and max((used for _, used in fitting.values()), default=0.0) < _HARDLY:
-            given = f"--map COLUMN={coordinate.name}.position:{share[1]}"
-            causes.append(f"{share[0]} of the joint's range? Give {given} to `cmbrl import`, and so for its command")
-        if causes:
-            yield Finding(
-                f"{motion.position_of(k)} reaches {q[np.abs(q).argmax()]:.4g} where the file's limits are {low:.3g} "
-                f"and {high:.3g}: {'; or '.join(causes)}",
-                sure=bool(fitting) or not coordinate.hinge,  # a hinge may turn on
-            )
+        if np.isfinite([coordinate.low, coordinate.high]).all() and not motion.wraps[k]:
+            degrees = ", or give --angles deg to `cmbrl import`"
+            yield from _beyond_limits(motion.now[:, k], coordinate, motion.position_of(k), degrees)
+    for m, driver in enumerate(motion.drivers):
+        coordinate = motion.coordinates[driver.coordinate]
+        if driver.position and np.isfinite([coordinate.low, coordinate.high]).all():
+            target = driver.scale * motion.u[:, m]
+            degrees = f", or give --map COLUMN={coordinate.name}.command:deg to `cmbrl import`"
+            yield from _beyond_limits(target, coordinate, motion.command_of(m), degrees, shares=False)
+
+
+def _beyond_limits(
+    q: np.ndarray, coordinate: Coordinate, column: str, of_degrees: str, shares: bool = True
+) -> Iterator[Finding]:
+    """The same of one ``column`` q (R,). ``of_degrees``: another remedy; ``shares``: it may be of the range as well."""
+    low, high = coordinate.low, coordinate.high
+    reach, bound, room = np.abs(q).max(initial=0.0), max(abs(low), abs(high)), 0.1 * (high - low)
+    least = 2 * np.pi if coordinate.hinge else 0.0
+    often = np.mean((q < low - room) | (q > high + room)) > OFTEN if len(q) else False
+    if not (often and reach > max(3 * bound, least)):
+        return
+    fitting, causes = {}, []
+    for factor, unit in ({DEGREES: "degrees"} if coordinate.hinge else LENGTHS).items():
+        scaled = q / factor
+        if (scaled > low - room).all() and (scaled < high + room).all() and np.ptp(scaled) > 0:
+            fitting[unit] = factor, float(np.ptp(scaled)) / (high - low)
+    if fitting:
+        wanted = "radians" if coordinate.hinge else "metres"
+        divide = " or ".join(f"{factor:.4g}" for factor, _ in fitting.values())
+        degrees = of_degrees if coordinate.hinge else ""
+        causes.append(f"{' or '.join(fitting)} instead of {wanted}? Divide the column by {divide}{degrees}")
+    share = _share(q) if shares else None
+    if share and max((used for _, used in fitting.values()), default=0.0) < _HARDLY:
+        given = f"--map COLUMN={coordinate.name}.position:{share[1]}"
+        causes.append(f"{share[0]} of the joint's range? Give {given} to `cmbrl import`, and so for its command")
+    if causes:
+        yield Finding(
+            f"{column} reaches {q[np.abs(q).argmax()]:.4g} where the file's limits are {low:.3g} "
+            f"and {high:.3g}: {'; or '.join(causes)}",
+            sure=bool(fitting) or not coordinate.hinge,  # a hinge may turn on
+        )
 
 
 def _share(q: np.ndarray) -> tuple[str, str] | None:
@@ -76,11 +89,15 @@ def mirrored(motion: Motion) -> Iterator[Finding]:
 def past_stops(motion: Motion) -> Iterator[Finding]:
     """A warning of joints that go on beyond limits, as those do that turn freely.
 
-    A blow may throw a joint through a stop of a simulation, but not for long.
+    A blow may throw a joint through a stop of a simulation, again and again in a fall, but not for long.
     """
     for k, coordinate in enumerate(motion.coordinates):
         q, low, high = motion.now[:, k], coordinate.low, coordinate.high
-        share = _beyond(q, low, high)
+        if not np.isfinite(high - low):
+            continue
+        room = 0.1 * (high - low)
+        stays = _for_long((q < low - room) | (q > high + room), motion)
+        share = float(stays.mean()) if len(stays) else 0.0
         if share > PAST and not _mirrored(q, low, high) and not motion.wraps[k]:
             yield Finding(
                 f"{motion.position_of(k)} goes from {q.min():.3g} to {q.max():.3g}, and in {100 * share:.0f} % of the "
@@ -88,6 +105,17 @@ def past_stops(motion: Motion) -> Iterator[Finding]:
                 "the robot does not hold. Widen the range in the file, or take it out if the joint turns freely",
                 sure=False,
             )
+
+
+def _for_long(rows: np.ndarray, motion: Motion) -> np.ndarray:
+    """Those of the ``rows``, a mask (R,), that last: STAYS, or all of a stretch of the log."""
+    found, least = np.zeros_like(rows), STAYS / motion.dt
+    for block in motion.blocks:
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], rows[block], [False]]).astype(int))).reshape(-1, 2)
+        for begin, end in edges.tolist():
+            if end - begin >= min(least, len(rows[block])):
+                found[block.start + begin : block.start + end] = True
+    return found
 
 
 def _beyond(q: np.ndarray, low: float, high: float) -> float:

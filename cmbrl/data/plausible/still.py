@@ -18,7 +18,8 @@ LONG = 50  #: samples; and RARE times as long as others, so that coarse encoders
 RARE = 10
 MEANT = 0.05  #: [rad, m] a target has to move by so much, more than dry friction holds
 _OF_RANGE = 0.2  # between the stops, the same
-_ON_GRID, _ONWARDS, _ROUNDING = 0.02, 3.0, 1e-9  # of an encoder's count; counts; [rad, m]
+_ON_GRID = 0.02  # of an encoder's count
+ONWARDS, ROUNDING = 3.0, 1e-9  #: counts that a coarse encoder goes on by; [rad, m]
 _STRETCHES, _ALTERNATES = 8, -0.5  # of LONG samples, to tell noise by; correlation of third differences
 _OF_A_DIGIT, _CALMEST = 0.5, 3  # rounding has .3 of the last digit; stretches
 _PARTS = 10  # the least change may be several digits
@@ -95,7 +96,7 @@ def _longest(runs: list[slice]) -> slice | None:
 def _coarse(x: np.ndarray) -> tuple[np.ndarray, float] | None:
     """Changes (T - 1,) of ``x`` in counts of its encoder, and the usual one; None of readings that lie on no grid."""
     steps = np.diff(x)
-    moved = np.abs(steps[np.abs(steps) > _ROUNDING])
+    moved = np.abs(steps[np.abs(steps) > ROUNDING])
     if not len(moved):
         return None
     counts = steps / moved.min()
@@ -112,7 +113,7 @@ def _sticks(x: np.ndarray, run: slice) -> bool:
     if run.stop >= len(x) or grid is None:
         return False
     counts, usual = grid
-    return bool(abs(counts[run.stop - 1]) <= max(_ONWARDS, usual))
+    return bool(abs(counts[run.stop - 1]) <= max(ONWARDS, usual))
 
 
 def _would_move(motion: Motion, m: int, run: slice) -> bool:
@@ -138,7 +139,7 @@ def loud(x: np.ndarray, blocks: Iterable[slice], run: slice) -> bool:
     between, they lie on no grid, and repeat all the same. So does what was written with six digits, where the calmest
     stretches have no noise but their rounding.
     """
-    again = np.abs(np.diff(np.delete(x, run))) < _ROUNDING
+    again = np.abs(np.diff(np.delete(x, run))) < ROUNDING
     if _coarse(x) is not None or (len(again) and again.mean() > _REPEATS):
         return False
     calm = []
@@ -159,7 +160,7 @@ def _digit(x: np.ndarray, run: slice) -> float:
     """The last digit of ``x`` (R,) as it was written, where it is about what it repeats in ``run``; 0 if none shows."""
     others = np.delete(x, run)
     steps = np.diff(others)[np.argsort(np.abs(others[1:] - x[run.start]))[:LONG]]
-    least = np.abs(steps)[np.abs(steps) > _ROUNDING].min(initial=np.inf)
+    least = np.abs(steps)[np.abs(steps) > ROUNDING].min(initial=np.inf)
     parts = (part for part in range(1, _PARTS + 1) if np.isfinite(least) and _whole(steps * part / least))
     return float(least) / part if (part := next(parts, 0)) else 0.0
 

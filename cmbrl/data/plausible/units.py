@@ -21,6 +21,7 @@ CLOCKS = {1e9: "nanoseconds", 1e6: "microseconds", 1e3: "milliseconds"}  #: numb
 RATES = 1e-4, 0.1  #: [s] steps of logs that robots write
 SENSOR_NOISE = 1e-4  #: changes of this size [m, rad] may be noise
 ACROSS = 0.85  #: correlation with the derivative of another joint, or of the other sign
+MORE_LEFT = 0.1  #: of what a velocity leaves of its own position's motion, that it leaves of another's
 SWINGS = 0.01  #: share of rows to either side; a lost whole turn here and there does not count
 AGREES = 0.7  #: correlation of two columns that tell the same; impacts within long steps lower it
 
@@ -148,11 +149,15 @@ def turns(motion: Motion) -> Iterator[Finding]:
 
 
 def _swapped(motion: Motion, r: np.ndarray) -> Iterator[Finding]:
-    """Pairs of velocity columns that each tell the motion of the other."""
-    own = np.diagonal(r)
+    """Pairs of velocity columns that each tell the motion of the other.
+
+    Joints that move alike, as two wheels do, tell it by what each velocity leaves of either motion.
+    """
+    own, left = np.diagonal(r), 1.0 - r**2
     for a in range(len(r)):
         for b in np.flatnonzero((r[a, a + 1 :] > ACROSS) & (r[a + 1 :, a] > ACROSS)) + a + 1:
-            if max(own[a], own[b]) < ACROSS - 0.3:
+            least = min(left[a, a], left[b, b])
+            if max(own[a], own[b]) < ACROSS - 0.3 or max(left[a, b], left[b, a]) < MORE_LEFT * least:
                 first, second = motion.coordinates[a].name, motion.coordinates[b].name
                 yield Finding(
                     f"v of joints {first!r} and {second!r} are swapped: each is the derivative of the other position"

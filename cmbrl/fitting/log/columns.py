@@ -126,7 +126,7 @@ class ColumnsCheck:
     def _shares(self, loss: PredictionLoss, own: np.ndarray, touched: np.ndarray) -> tuple[float, float]:
         """Of the ``own`` losses (nv,), what those of ``loss`` are by the file: of all, and of those ``touched``."""
         other = self._by_coordinate(loss, self.evidence.space.nominal)
-        return other.sum() / own.sum(), other[touched].sum() / own[touched].sum()
+        return _share(other.sum(), own.sum()), _share(other[touched].sum(), own[touched].sum())
 
     def _loss(self, horizon: int, log: Transitions | None = None, rows: int = _ROWS) -> PredictionLoss:
         """Of predictions of ``rows`` of ``log``; None: of the evidence's."""
@@ -166,3 +166,10 @@ class ColumnsCheck:
         except NotFinite:
             return np.full(self.evidence.model.scene.nv, np.inf)
         return self._by_coordinate(loss, space.theta(z))
+
+
+def _share(loss: float, own: float) -> float:
+    """``loss`` over the ``own`` one. Predictions that lead out of all bounds are as bad as others that do."""
+    if np.isfinite(own) and own > 0.0:
+        return float(loss / own)
+    return 0.0 if np.isfinite(loss) and own > 0.0 else 1.0

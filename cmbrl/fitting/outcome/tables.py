@@ -97,8 +97,8 @@ def combinations_title(report: Mapping[str, Any]) -> str:
     known = "what it began at" if reference in report.get("set", ()) else "the file's"
     unit = f", in the unit of force in which {reference} is {known}" if reference else ""
     return (
-        "bodies together: what joints feel of all that hangs on them, in the pose of the log's middle, which the log "
-        f"tells though it does not tell masses, centres and inertias one by one{unit}"
+        "bodies together: what joints feel of all that hangs on them, in the pose of the log's middle (of gravity, the "
+        f"most as the joint turns), which the log tells though not masses, centres and inertias one by one{unit}"
     )
 
 

@@ -123,9 +123,9 @@ def warning(rows: Sequence[Mapping[str, Any]], start: str = FILE) -> str | None:
     Holding the velocity is no rival where velocities are estimates, and over horizons where it is off by more than the
     states vary: there, in two seconds of a robot that falls, neither tells anything. Nor is it where it errs by the
     sensors' noise more than by motion, as over one short step: what the noise of a start does to a stiff contact is no
-    fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it; nor where the
-    file is off by more than the states vary and than holding is, unless the fit explodes. What it loses over short
-    horizons alone, hardly and by one measure, ``remark`` tells.
+    fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it, unless it adds
+    as much again; nor where the file is off by more than the states vary and than holding is, unless the fit explodes.
+    What it loses over short horizons alone, hardly and by one measure, ``remark`` tells.
     """
     parts = [f"{name} over {where}" for name, where, slightly in _lost_to(rows, start) if not slightly]
     return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
@@ -192,6 +192,12 @@ def _of_noise(row: Mapping[str, Any], model: str) -> bool:
     return bool(row["rmse"][model] ** 2 < _NOISY * row.get("noise", 0.0) ** 2)
 
 
+def _as_noisy(row: Mapping[str, Any]) -> bool:
+    """Whether noise is most of what the file errs by, and more than what the fit's squares have more."""
+    more = row["rmse"]["fitted"] ** 2 - row["rmse"]["nominal"] ** 2
+    return _of_noise(row, "nominal") and bool(more < row.get("noise", 0.0) ** 2)
+
+
 def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
     """Horizons at which the fit is worse than ``other``, by measure: "1, 5 step(s) (RMSE)"; empty if nowhere."""
     by_measure = {
@@ -199,7 +205,7 @@ def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
             str(row["steps"])
             for row in rows
             if row[measure]["fitted"] > _WORSE * row[measure][other]
-            and not (no_rival(row) if other == "hold" else _of_noise(row, other) or _as_lost(row))
+            and not (no_rival(row) if other == "hold" else _as_noisy(row) or _as_lost(row))
         ]
         for measure, words in MEASURES.items()
     }
