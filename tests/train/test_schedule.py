@@ -13,7 +13,7 @@ from cmbrl.registry import load_task
 from cmbrl.train.recipe import configure
 from cmbrl.train.running.run import TrainingRun
 from cmbrl.train.shac import SHAC, SHACConfig
-from cmbrl.train.windows import learner
+from cmbrl.train.windows import judged
 from cmbrl.train.windows.schedule import LEARNED, Schedule
 
 from . import slider
@@ -104,8 +104,8 @@ def test_the_same_policy_is_tried_once(tmp_path: Path, monkeypatch: pytest.Monke
         tried.append(policy.net[0].weight.clone())
         return trials(policy, *given)
 
-    trials = learner.trials
-    monkeypatch.setattr(learner, "trials", counted)
+    trials = judged.trials
+    monkeypatch.setattr(judged, "trials", counted)
     made = SHAC(slider.mdp(), ComplementarityModel(slider.scene(tmp_path)), SMALL)
     run = TrainingRun(made, tmp_path / "run", {"task": "slider"})
     outcome = run.train(SMALL.iterations)

@@ -18,7 +18,7 @@ from cmbrl.train.policies.file import save_policy
 from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.shac import SHAC, SHACConfig
 from cmbrl.train.start import carried_over, with_actions_of
-from cmbrl.train.windows import learner
+from cmbrl.train.windows import judged
 from cmbrl.train.windows.schedule import LEARNED
 
 from . import slider
@@ -122,8 +122,8 @@ def test_a_little_that_is_lost_for_certain_counts(
 
     made = trainer(tmp_path)
     made.begin_with(made.policy.state_dict())
-    monkeypatch.setattr(learner, "of_draws", returns)
-    monkeypatch.setattr(learner, "without_action", lambda *given: SimpleNamespace(returns=np.zeros(64)))
+    monkeypatch.setattr(judged, "of_draws", returns)
+    monkeypatch.setattr(judged, "without_action", lambda *given: SimpleNamespace(returns=np.zeros(64)))
     made._keep_what_was_better()
     assert made.kept == kept
 

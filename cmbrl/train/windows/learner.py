@@ -7,32 +7,30 @@ import math
 from abc import abstractmethod
 from typing import Any, ClassVar
 
-import numpy as np
 import torch
 
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
 from cmbrl.envs.history import commands
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.trials import failed, of_draws, quits, trials, without_action
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
 from cmbrl.models.both_laws import under_both_laws
 from cmbrl.models.protocol import Model, failures
-from cmbrl.train.policies.policy import Architecture, Policy, observed_by
+from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.randomness import GlobalRandomness
-from cmbrl.train.trainer import Diverged, Trainer, episode_metrics
+from cmbrl.train.trainer import Diverged, episode_metrics
 from cmbrl.train.windows.config import GROWN, WindowConfig
 from cmbrl.train.windows.critic import Critic
+from cmbrl.train.windows.judged import JudgedTrainer
 from cmbrl.train.windows.lost_gradients import PATIENCE, LostGradients, blame
 from cmbrl.train.windows.optimiser import PolicyOptimiser
 from cmbrl.train.windows.schedule import Schedule
 
 LATE = 0.75  # share after which no fall of returns is of use: little is left to be found
 MEMORIES = 3  # of the discount: how long the critic of a run that goes on learns before the policy moves
-COST, SURE = 0.01, 3.0  # share of a return, and standard errors, by which a run that goes on may end below its start
 
 
-class WindowLearner(Trainer):
+class WindowLearner(JudgedTrainer):
     """``update`` rolls a window, takes one step along its gradient, then lets the critic learn from it.
 
     Nets are float32, dynamics float64. The learning rate falls linearly to 0. Updates without a finite gradient are
@@ -57,7 +55,6 @@ class WindowLearner(Trainer):
 
     title: ClassVar[str]
     remedy: ClassVar[str]  #: what to try when gradients stay unusable
-    simulation: Simulation
 
     def __init__(
         self,
@@ -76,7 +73,7 @@ class WindowLearner(Trainer):
         stagger: bool = True,
     ) -> None:
         self.mdp, self.model, self.config, self.rate = config.episode(mdp), model, config, rate
-        self.whole = mdp  # with the task's own length of an episode: trials see what an evaluation does
+        self.whole = mdp
         self.horizon, self.generator = config.steps(self.mdp), generator
         self.moving = under_both_laws(model, config.other_law, config.other)
         table = parameter_sets(model, config.parameter_spread, seed=seed, factors=config.vary)
@@ -95,8 +92,7 @@ class WindowLearner(Trainer):
         self.lost = LostGradients()
         self.schedule = Schedule(config.iterations, config.again, self.mdp.episode_steps / self.horizon)
         self.returns_to: list[list[int]] = []
-        self.begun_with: dict[str, torch.Tensor] = {}  # the policy of another run
-        self._failed: tuple[dict[str, torch.Tensor], dict[str, float]] | None = None  # weights last tried, and shares
+        self.begun_with: dict[str, torch.Tensor] = {}
 
     def begin_with(self, weights: dict[str, torch.Tensor]) -> None:
         """Goes on from a policy of these weights; rates, noise and episode lengths begin as halfway through.
@@ -159,28 +155,6 @@ class WindowLearner(Trainer):
                 self._keep_what_was_better()
         return metrics
 
-    def _keep_what_was_better(self) -> None:
-        """Gives the policy the weights that it began with, where going on has cost it some of their return.
-
-        Both are tried in the same episodes, so that little is told from nothing: the share COST of that return, or of
-        what it is above that of no action, and SURE standard errors of the difference. Parameters are those that
-        training draws, so that what goes on under other friction does so for that.
-        """
-        mdp, own = self._tried(), copy.deepcopy(self.policy.state_dict())
-
-        def earned() -> np.ndarray:
-            table = self.simulation.disturbance.parameters
-            return of_draws(self.policy, mdp, self.model, parameters=table).returns
-
-        after = earned()
-        self.policy.load_state_dict(self.begun_with)
-        before, idle = earned(), without_action(mdp, self.model).returns
-        cost, noise = float((before - after).mean()), float((before - after).std()) / math.sqrt(len(after))
-        if cost > max(SURE * noise, COST * max(abs(before.mean()), (before - idle).mean())):
-            self.kept = 0
-        else:
-            self.policy.load_state_dict(own)
-
     @property
     def further(self) -> int:
         """Updates of schedules that began again."""
@@ -191,10 +165,6 @@ class WindowLearner(Trainer):
         """Where they did."""
         return self.schedule.failing
 
-    def _idle(self) -> float:
-        """Mean return of training's episodes without action; 0 where a curriculum has their starts."""
-        return 0.0 if self.mdp.curriculum else float(without_action(self.mdp, self.model).returns.mean())
-
     def _go_back(self) -> None:
         """To the learner before the peak of returns; noise goes on."""
         generator = self.generator.get_state()
@@ -202,11 +172,6 @@ class WindowLearner(Trainer):
         self.returns_to.append([self.iteration, peak.iteration])
         self._become(peak.back(self.iteration))
         self.generator.set_state(generator)
-
-    def _earned(self) -> float:
-        """Mean return of whole episodes without noise, from an evaluation's starts; 0 where a curriculum has them."""
-        mdp = self._tried()
-        return 0.0 if mdp.curriculum else float(of_draws(self.policy, mdp, self.model).returns.mean())
 
     def step(self, progress: float) -> dict[str, float]:
         """A step of the policy along the gradient that its parameters hold; returns metrics."""
@@ -231,28 +196,6 @@ class WindowLearner(Trainer):
     def conditions(self) -> dict[str, Any]:
         """The commands' delay and lag, and what the policy observes of it."""
         return commands(self.mdp, self.model)
-
-    def failed_trials(self) -> dict[str, float]:
-        """Of whole episodes, from starts as in an evaluation; none where a curriculum chooses those too.
-
-        Then ``earned`` and ``advice`` are known too.
-        """
-        mdp = self._tried()
-        if mdp.curriculum:
-            return {}
-        weights = self.policy.state_dict()
-        if self._failed is not None and all(torch.equal(x, weights[name]) for name, x in self._failed[0].items()):
-            return dict(self._failed[1])  # at the end of its updates it may have been tried already: that takes minutes
-        found, idle = trials(self.policy, mdp, self.model), without_action(mdp, self.model)
-        returns = {"policy": found["draws"].returns, "no action": idle.returns}
-        self.earned = {name: float(each.mean()) for name, each in returns.items()}
-        self.advice = quits(found["draws"], mdp)
-        self._failed = copy.deepcopy(weights), failed(found, idle)
-        return dict(self._failed[1])
-
-    def _tried(self) -> MDP:
-        """The process of trials."""
-        return self.whole if self.judged is None else observed_by(self.policy, self.judged)
 
     def state(self) -> dict[str, Any]:
         """Everything that the next update depends on."""
