@@ -20,6 +20,7 @@ from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
+from cmbrl.train.policies.limits import slope
 from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.windows.config import WindowConfig, decayed
 from cmbrl.train.windows.critic import BETAS, Critic, check_discount, finite
@@ -53,6 +54,12 @@ class SHACConfig(WindowConfig):
         0.0,
         "cost of a step for the square of what the net's output exceeds +-1 by, before tanh, in units of reward",
         least=0,
+    )
+    least_slope: float = setting(
+        0.0,
+        "of tanh to gradients, but to those that press an action at its limit further; 0: tanh's own, try 0.2",
+        least=0,
+        most=1,
     )
     noise_linear: float = setting(0.03, "velocity noise added after each step [m/s]", least=0)
     noise_angular: float = setting(0.1, "velocity noise added after each step [rad/s]", least=0)
@@ -101,7 +108,7 @@ class SHAC(WindowLearner):
         lost = self.lost.end_update()
         metrics = {"gradient_norm": float(norm) if lost <= MOST else math.nan, "lost_gradients": lost}
         if self.iteration % self.config.variance_every == 0:
-            metrics["gradient_variance"] = gradient_variance(self.policy, self._steps)
+            metrics["gradient_variance"] = gradient_variance(self.policy, self._steps, self.config.least_slope)
         return metrics
 
     def step(self, progress: float) -> dict[str, float]:
@@ -127,7 +134,7 @@ class SHAC(WindowLearner):
         with self.policy.held():
             for k in range(self.horizon):
                 observation = simulation.observe()
-                action = Usable.apply(self.policy.sample(observation.float(), noise[k]), self.lost)
+                action = Usable.apply(self.policy.sample(observation.float(), noise[k], c.least_slope), self.lost)
                 action.retain_grad()
                 moves.append(simulation.move(observation, action))
                 simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame, self.lost)
@@ -190,18 +197,19 @@ class Tamed(torch.autograd.Function):
             return torch.from_numpy(q * share), torch.from_numpy(v * share), None, None
 
 
-def gradient_variance(policy: Policy, steps: list[Step]) -> float:
-    """Trace of the covariance over episodes of one episode's policy gradient.
+def gradient_variance(policy: Policy, steps: list[Step], least_slope: float = 0.0) -> float:
+    """Trace of the covariance over episodes of one episode's policy gradient; ``least_slope`` as in the settings.
 
     Call it after the backward pass, which leaves the loss's total derivative in every action.
     """
     observations = torch.stack([s.observation.detach().float() for s in steps], dim=1)  # (B, H, n_o)
-    messages = torch.stack([at_drive(s.action) for s in steps], dim=1)
+    messages = torch.stack([at_drive(s.action, least_slope) for s in steps], dim=1)
     rows = per_sample_gradients(policy.net, policy.normaliser(observations), messages) * len(observations)
     return float(rows.var(dim=0).sum())
 
 
-def at_drive(action: Tensor) -> Tensor:
+def at_drive(action: Tensor, least_slope: float = 0.0) -> Tensor:
     """The derivative that the backward pass left at an action (B, n_a), taken through tanh to the net's output."""
     assert action.grad is not None
-    return finite(action.grad) * (1 - action.detach().square())
+    gradient = finite(action.grad)
+    return gradient * slope(action.detach(), gradient, least_slope)

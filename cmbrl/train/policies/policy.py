@@ -12,6 +12,7 @@ from torch import Tensor, nn
 
 from cmbrl.envs.history import with_last_actions
 from cmbrl.mdp import MDP
+from cmbrl.train.policies.limits import Bounded
 from cmbrl.train.policies.net import Net
 
 ACTIVATIONS = {"elu": nn.ELU, "relu": nn.ReLU, "tanh": nn.Tanh, "silu": nn.SiLU}
@@ -98,9 +99,13 @@ class Policy(nn.Module):
         """Deterministic actions (B, n_a) in [-1, 1] of observations (B, n_o), float32."""
         return self.squash(self.drive(observation))
 
-    def sample(self, observation: Tensor, noise: Tensor) -> Tensor:
-        """Actions with ``noise`` (B, n_a) added before the squashing: differentiable (reparameterised)."""
-        return self.squash(self.drive(observation) + noise)
+    def sample(self, observation: Tensor, noise: Tensor, least: float = 0.0) -> Tensor:
+        """Actions with ``noise`` (B, n_a) added before the squashing: differentiable (reparameterised).
+
+        ``least``: of the slope of tanh to gradients that lead back from a limit (:mod:`cmbrl.train.policies.limits`).
+        """
+        noisy = self.drive(observation) + noise
+        return Bounded.apply(noisy, least) if least and self.architecture.squash == "tanh" else self.squash(noisy)
 
     def drive(self, observation: Tensor) -> Tensor:
         """The net's output before squashing, without noise (B, n_a)."""
