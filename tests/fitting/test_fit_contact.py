@@ -118,6 +118,7 @@ def test_hopper_from_wrong_masses_and_gears(hopper):
     assert {"mass", "gear"} & {name.split(".")[0] for name in result.report["fitted"]}
 
 
+@pytest.mark.slow  # tests/test_cli.py fits with one thread, too
 def test_threads_do_not_change_the_fit(hopper):
     model, data = hopper
     results = [
