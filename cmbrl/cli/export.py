@@ -71,7 +71,8 @@ def _controller(folder: str, path: str) -> dict[str, Any]:
     mdp = Trained.load(folder).mdp
     if mdp.controller is None:
         raise UserError(
-            f"--controller: the task of {folder} does not tell (MDP.controller): its observe and act are it"
+            f"--controller: the task of {folder} does not tell the order of its observations: give its MDP a "
+            "`controller`, or write a program after its `observe` and `act`"
         )
     parts = dict(mdp.controller())
     if mdp.last_actions:
