@@ -94,6 +94,21 @@ def test_a_coarse_encoder_that_moves_on_by_one_count_is_no_slip(moved: tuple[Pos
     assert told(replace(log, position=position, command=command), scene) == []
 
 
+def test_a_jump_of_a_position_alone_is_a_warning(tmp_path: Path) -> None:
+    """Under torques no target tells an offset; nor does one follow a pole."""
+    file = arm_file(tmp_path, servo=False)
+    torque = 0.3 * waved(1500, 0.005)
+    q, _ = simulate(file, torque, 0.005, 2e-4)
+    log = PositionLog(time=0.005 * np.arange(1500), position=q, command=torque, joint_names=NAMES, command_kind="torque")
+    assert told(log, Scene.from_mjcf(file)) == []
+    slipped = q.copy()
+    slipped[700:, 1] += 0.3
+    found = told(replace(log, position=slipped), Scene.from_mjcf(file))
+    assert [one.sure for one in found] == [False]
+    assert "'elbow' jumps by" in found[0].text
+    assert "after row 699, as in no other: did its encoder slip" in found[0].text
+
+
 def test_a_jump_that_velocities_contradict(tmp_path: Path) -> None:
     scene = Scene.from_mjcf(arm_file(tmp_path, servo=False))
     q = waved(1001, 0.005)

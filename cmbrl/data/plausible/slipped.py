@@ -2,6 +2,7 @@
 
 A blow changes how fast a joint goes, a slip where it is: its row differs from those before and after, the same way.
 Then a servo follows its target with another offset, or the target jumps with the position, or a velocity contradicts.
+A position that has neither target nor velocity is warned of.
 A joint that a step of its target moves within one sample has that target before; it does not jump with it.
 """
 
@@ -72,7 +73,8 @@ def _told(motion: Motion, k: int, m: int | None, row: int) -> Finding | None:
             )
         return None
     if m is None:
-        return None
+        remedy = "Give the rows before and after as two episodes, or take the jump out of the column"
+        return Finding(f"{what} as in no other: did its encoder slip, or were rows lost? {remedy}", sure=False)
     target, scaled = motion.command_of(m), motion.drivers[m].scale * motion.u[:, m]
     moved = abs(scaled[row + 1] - scaled[row])
     if moved > max(_ALIKE * abs(jump), _OFTEN * np.percentile(np.abs(np.diff(scaled)), 99)):  # with it, not before it
