@@ -99,11 +99,13 @@ def test_a_jump_of_a_position_alone_is_a_warning(tmp_path: Path) -> None:
     file = arm_file(tmp_path, servo=False)
     torque = 0.3 * waved(1500, 0.005)
     q, _ = simulate(file, torque, 0.005, 2e-4)
-    log = PositionLog(time=0.005 * np.arange(1500), position=q, command=torque, joint_names=NAMES, command_kind="torque")
+    log = PositionLog(
+        time=0.005 * np.arange(1500), position=q, command=torque, joint_names=NAMES, command_kind="torque"
+    )
     assert told(log, Scene.from_mjcf(file)) == []
-    slipped = q.copy()
-    slipped[700:, 1] += 0.3
-    found = told(replace(log, position=slipped), Scene.from_mjcf(file))
+    jumped = q.copy()
+    jumped[700:, 1] += 0.3
+    found = told(replace(log, position=jumped), Scene.from_mjcf(file))
     assert [one.sure for one in found] == [False]
     assert "'elbow' jumps by" in found[0].text
     assert "after row 699, as in no other: did its encoder slip" in found[0].text
