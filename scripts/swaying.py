@@ -6,7 +6,7 @@
     .venv/bin/python scripts/swaying.py judge runs/spot
 
 The log has what a robot tells in a room with motion capture, for 20 s: encoders and commands at 200 or 250 Hz, with
-noise of 0.1 mrad, and the pose of the base with noise of 0.3 mm and 1 mrad; no velocities. For docs/fit/README.md.
+noise of 0.1 mrad (--rate: at another one), and the pose of the base with noise of 0.3 mm and 1 mrad; no velocities. For docs/fit/README.md.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cmbrl.bench.studies.hidden.truth import coverage
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting import FitResult
 
-SECONDS, RATE, SETTLING = 20.0, 200.0, 1.0  # the rate [1/s] at most that of whole steps of the file
+SECONDS, RATE, SETTLING = 20.0, 200.0, 1.0
 ENCODER, PLACE, TURN = 1e-4, 3e-4, 1e-3  # rad, m, rad
 FILE, TRUE, LOGS = "robot.xml", "true.mjb", ("log.npz", "unseen.npz")
 
@@ -69,13 +69,13 @@ def stand(model: mujoco.MjModel, data: mujoco.MjData, posture: dict[str, float])
 
 
 def sway(
-    model: mujoco.MjModel, posture: dict[str, float], rng: np.random.Generator
+    model: mujoco.MjModel, posture: dict[str, float], rng: np.random.Generator, log_rate: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Places q (T, nq), targets of the servos (T, nu) and the time between them [s]: three sines in every joint."""
     data = mujoco.MjData(model)
     stand(model, data, posture)
     home = data.qpos[model.jnt_qposadr[model.actuator_trnid[:, 0]]]
-    every = max(1, round(1.0 / (RATE * model.opt.timestep)))
+    every = max(1, round(1.0 / (log_rate * model.opt.timestep)))
     dt = every * model.opt.timestep
     size, rate, phase = (
         rng.uniform(low, high, (model.nu, 3)) for low, high in ((0.03, 0.12), (0.3, 2.5), (0, 2 * np.pi))
@@ -112,7 +112,7 @@ def measured(model: mujoco.MjModel, q: np.ndarray, u: np.ndarray, dt: float, rng
     )  # fmt: skip
 
 
-def record(source: str, name: str, folder: Path, seed: int) -> None:
+def record(source: str, name: str, folder: Path, seed: int, log_rate: float) -> None:
     """Writes the robot's file, a log to fit and one of other motions, and the hidden robot, which no fit may see."""
     if not Path(source).is_file():
         raise SystemExit(f"swaying: {source}: no such file")
@@ -122,7 +122,7 @@ def record(source: str, name: str, folder: Path, seed: int) -> None:
     hide(model, rng)
     mujoco.mj_saveModel(model, str(folder / TRUE))
     for log in LOGS:
-        q, u, dt = sway(model, posture, rng)
+        q, u, dt = sway(model, posture, rng, log_rate)
         measured(model, q, u, dt, rng).save(folder / log)
         low, high = q[:, 2].min(), q[:, 2].max()
         print(f"{folder / log}: {len(q)} rows every {1e3 * dt:g} ms; the base is {low:.2f} to {high:.2f} m high")
@@ -151,9 +151,10 @@ def main() -> None:
     for each in (making, judging):
         each.add_argument("folder", type=Path)
     making.add_argument("--seed", type=int, default=0)
+    making.add_argument("--rate", type=float, default=RATE, help="of the log [1/s], at most that of steps of the file")
     given = parser.parse_args()
     if given.command == "record":
-        record(given.file, given.name, given.folder, given.seed)
+        record(given.file, given.name, given.folder, given.seed, given.rate)
     else:
         judge(given.folder)
 
