@@ -5,8 +5,9 @@
     .venv/bin/cmbrl error nominal runs/spot/fit --data runs/spot/unseen.npz --open-loop --restart 0.5
     .venv/bin/python scripts/swaying.py judge runs/spot
 
-The log has what a robot tells in a room with motion capture, for 20 s: encoders and commands at 200 or 250 Hz, with
-noise of 0.1 mrad (--rate: at another one), and the pose of the base with noise of 0.3 mm and 1 mrad; no velocities. For docs/fit/README.md.
+The log has what a robot tells in a room with motion capture, for 20 s: encoders and commands at 200 or 250 Hz
+(--rate: at another), with noise of 0.1 mrad, and the pose of the base with noise of 0.3 mm and 1 mrad; no velocities.
+For docs/fit/README.md.
 """
 
 from __future__ import annotations
