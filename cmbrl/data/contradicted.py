@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from cmbrl.data.stretches import stretches
+
 _CLOSER = 0.25  # of how far a velocity is from what its position moved by, its replacement may be
 _TELLS = 6.0  # times what positions and velocities usually differ by: two velocities that differ by less look the same
 _USUAL = 0.9  # of the rows differ by no more: the rest may be impacts
@@ -31,8 +33,7 @@ def contradicted(
     sound = ~(lost[1:] | lost[:-1])
     usual = float(np.quantile(np.abs(np.diff(own)[sound]), _USUAL)) if sound.any() else np.inf
     found = np.zeros_like(lost)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], lost.astype(np.int8), [0]])))
-    for first, end in edges.reshape(-1, 2):
+    for first, end in stretches(lost):
         spans = [span for span in ((first - 1, end - 1), (first, end)) if span[0] >= 0 and span[1] < len(v)]
         told = [
             abs(other[b] - other[a]) < _CLOSER * abs(own[b] - own[a])

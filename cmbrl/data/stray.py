@@ -8,6 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from cmbrl.data.stretches import stretches
+
 LONGEST = 3  #: samples
 _FAR = 100.0  # times as far from its neighbours' middle as samples usually are; motors' currents get to 25 times
 _USUAL = 0.97  # of the samples are no further: the rest may be next to a stray
@@ -43,8 +45,7 @@ def stray(x: np.ndarray, commanded: bool = False) -> np.ndarray:
 def _short(x: np.ndarray, away: np.ndarray, found: np.ndarray) -> np.ndarray:
     """Those of the ``found`` (T,) samples in short runs inside the column that come back to where they left."""
     kept = np.zeros_like(found)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], found.astype(np.int8), [0]])))
-    for first, end in edges.reshape(-1, 2):
+    for first, end in stretches(found):
         inside = first > 0 and end < len(x) and end - first <= LONGEST
         if inside and abs(x[end] - x[first - 1]) < _BACK * away[first:end].min():
             kept[first:end] = True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +11,7 @@ from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.readings import ORDERS
 from cmbrl.data.plausible.still import LONG, MEANT, loud
 from cmbrl.data.plausible.unlimited import IMPOSSIBLE, UNITS, acceleration, unit_of
+from cmbrl.data.stretches import between, stretches
 from cmbrl.scene.records import WORLD, JointKind
 
 if TYPE_CHECKING:
@@ -35,22 +35,16 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
 
 def _unit(log: PositionLog) -> Iterator[Finding]:
     assert log.base is not None
-    usual = acceleration(log.base[:, :3], _blocks(log), log.dt)
+    usual = acceleration(log.base[:, :3], between(np.diff(log.episode) != 0), log.dt)
     if usual > IMPOSSIBLE:
         yield Finding(f"base_position accelerates by {usual:.3g} m/s^2: {unit_of(usual)}")
-
-
-def _blocks(log: PositionLog) -> list[slice]:
-    ends = np.flatnonzero(np.diff(log.episode)) + 1
-    return [slice(*pair) for pair in pairwise([0, *ends.tolist(), len(log)])]
 
 
 def _stuck(log: PositionLog) -> Iterator[Finding]:
     assert log.base is not None
     still = (np.abs(np.diff(log.base, axis=0)) < SAME).all(axis=1) & (np.diff(log.episode) == 0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], still, [False]]).astype(int)))
-    blocks = _blocks(log)
-    for begin, end in edges.reshape(-1, 2).tolist():
+    blocks = between(np.diff(log.episode) != 0)
+    for begin, end in stretches(still):
         if end - begin < LONG:
             continue
         run = slice(begin, end + 1)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from scipy.signal import correlate
 
 from cmbrl.data.plausible.answers import ROWS
 from cmbrl.data.plausible.finding import Finding
@@ -70,6 +71,4 @@ def _best(target: np.ndarray, place: np.ndarray) -> tuple[int, float]:
 
 def sums(a: np.ndarray, b: np.ndarray, lags: np.ndarray) -> np.ndarray:
     """Of a[t + lag] * b[t] over t, both (T,), for each of the ``lags`` (L,)."""
-    size = 2 ** int(np.ceil(np.log2(2 * len(a))))
-    spectrum = np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size))
-    return np.asarray(np.fft.irfft(spectrum, size)[lags])
+    return np.asarray(correlate(a, b, method="fft")[lags + len(a) - 1])

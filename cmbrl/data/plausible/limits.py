@@ -9,6 +9,7 @@ import numpy as np
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.data.plausible.motion import Coordinate, Motion
 from cmbrl.data.plausible.units import DEGREES, LENGTHS
+from cmbrl.data.stretches import stretches
 
 OFTEN = 0.3  #: share of samples beyond the limits; a blow throws a joint far beyond them for a few
 PAST = 0.05  #: share of samples beyond the limits of a joint that no stop holds
@@ -111,8 +112,7 @@ def _for_long(rows: np.ndarray, motion: Motion) -> np.ndarray:
     """Those of the ``rows``, a mask (R,), that last: STAYS, or all of a stretch of the log."""
     found, least = np.zeros_like(rows), STAYS / motion.dt
     for block in motion.blocks:
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], rows[block], [False]]).astype(int))).reshape(-1, 2)
-        for begin, end in edges.tolist():
+        for begin, end in stretches(rows[block]):
             if end - begin >= min(least, len(rows[block])):
                 found[block.start + begin : block.start + end] = True
     return found

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from cmbrl.data.drive import law_of
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
+from cmbrl.data.stretches import between
 from cmbrl.data.turns import TURN, whole, within_a_turn
 from cmbrl.scene import kinematics
 from cmbrl.scene.fittable.play import plays
@@ -175,7 +175,7 @@ def of_transitions(log: Fields, scene: Scene) -> Motion:
     return Motion(
         dt=log["dt"], coordinates=coordinates, now=log["q"][:, q], after=log["q_next"][:, q],
         v_now=log["v"][:, v], v_after=log["v_next"][:, v], drivers=drivers, u=log["u"][:, used],
-        blocks=_blocks(~follows(log)), kind="q", command="u", stands=_stands(scene),
+        blocks=between(~follows(log)), kind="q", command="u", stands=_stands(scene),
     )  # fmt: skip
 
 
@@ -187,7 +187,7 @@ def of_positions(log: PositionLog, scene: Scene) -> Motion:
     rows = np.flatnonzero(log.episode[1:] == log.episode[:-1])
     return Motion(
         dt=log.dt, coordinates=coordinates, now=log.position[rows], after=log.position[rows + 1], v_now=None,
-        v_after=None, drivers=drivers, u=log.command[rows][:, used], blocks=_blocks(np.diff(rows) != 1),
+        v_after=None, drivers=drivers, u=log.command[rows][:, used], blocks=between(np.diff(rows) != 1),
         kind="joint_position", command="commanded_position" if log.command_kind == "position" else log.command_kind,
         stands=_stands(scene),
     )  # fmt: skip
@@ -197,12 +197,6 @@ def _stands(scene: Scene) -> bool:
     sources = [joint.source for joint in scene.joints]
     free = [joint for joint in scene.joints if joint.kind == JointKind.BALL and sources.count(joint.source) > 1]
     return bool(free) and scene.core.ncontact > 0
-
-
-def _blocks(breaks: np.ndarray) -> tuple[slice, ...]:
-    """Stretches of rows between the ``breaks``, a mask of rows that the next one does not continue."""
-    edges = np.concatenate([[0], np.flatnonzero(breaks) + 1, [len(breaks) + 1]]).tolist()
-    return tuple(slice(a, b) for a, b in pairwise(edges))
 
 
 def _coordinates(scene: Scene, dofs: list[int]) -> tuple[Coordinate, ...]:
