@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting.outcome.combinations import combinations
 from cmbrl.fitting.search.space import Space
 from cmbrl.scene import Scene
@@ -101,3 +103,20 @@ def _felt(arm: cmbrl.ComplementarityModel, space: Space, pose: np.ndarray, k: in
     poses = np.array([pose, np.add(pose, [0.0, np.pi / 2])])
     dynamics = arm.smooth_dynamics(poses, np.zeros((2, 2)), space.theta(z))
     return [float(np.hypot(*dynamics["bias"][:, 1])), float(dynamics["M"][0, 1, 1])]
+
+
+def test_a_log_that_tells_nothing_is_no_overflow(tmp_path: Path) -> None:
+    """Of three rows intervals are wider than numbers reach; numpy warned of that."""
+    file = tmp_path / "axis.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="carriage"><joint name="axis" type="slide" axis="1 0 0" range="-.1 .4"/>'
+        '<geom type="box" size=".1 .1 .1" mass="70" contype="0" conaffinity="0"/></body></worldbody>'
+        '<actuator><motor name="drive" joint="axis" gear="35.15" ctrlrange="-10 10"/></actuator></mujoco>'
+    )
+    log = PositionLog(
+        time=0.001 * np.arange(3), position=np.array([[7.45e-6], [14.3e-6], [21.85e-6]]),
+        command=np.array([[89.23], [92.26], [95.70]]), joint_names=("axis",), command_kind="torque",
+    )  # fmt: skip
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        assert cmbrl.fit(cmbrl.ComplementarityModel(Scene.from_mjcf(file)), log).parameters

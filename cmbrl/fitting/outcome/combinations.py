@@ -71,7 +71,8 @@ def combinations(
     own = np.ix_(moved, moved)
     believed[own] = np.linalg.inv(space.precision)[own]
     spread, prior = _spread(slope, covariance), _spread(slope, believed)
-    factor = np.exp(_NORMAL_95 * spread)
+    with np.errstate(over="ignore"):  # of what a short log does not tell at all, and no row tells
+        factor = np.exp(_NORMAL_95 * spread)
     rows = [
         {
             "name": names[k], "value": float(value[k]), "low": float(value[k] / factor[k]),
