@@ -43,7 +43,6 @@ OPTIONAL += [
     "onnx",
     "onnxscript",
     "onnxruntime",
-    "scipy",
     "sklearn",
     "qpsolvers",
     "proxsuite",

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import correlate
 
 from cmbrl.data.plausible.answers import ROWS
 from cmbrl.data.plausible.finding import Finding
@@ -71,4 +70,6 @@ def _best(target: np.ndarray, place: np.ndarray) -> tuple[int, float]:
 
 def sums(a: np.ndarray, b: np.ndarray, lags: np.ndarray) -> np.ndarray:
     """Of a[t + lag] * b[t] over t, both (T,), for each of the ``lags`` (L,)."""
+    from scipy.signal import correlate  # a second, which most commands do not need
+
     return np.asarray(correlate(a, b, method="fft")[lags + len(a) - 1])
