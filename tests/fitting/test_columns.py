@@ -78,6 +78,16 @@ def test_a_log_of_another_robot_than_the_file_is_sound(sprung: PositionLog, cart
     assert told(CART.format(mass=1.0), cart) == ""
 
 
+def test_a_joint_that_coasts_is_in_no_doubt(cart: Transitions) -> None:
+    """A target without friction or motor: its file is right to the last digits, and so is holding its velocity."""
+    target = '<body pos="0 1 0"><joint name="target" type="slide" axis="0 1 0"/><geom size=".05"/></body></worldbody>'
+    place = 0.1 + 0.02 * 0.01 * np.arange(len(cart) + 1)
+    place += 1e-15 * np.random.default_rng(0).normal(size=len(place))  # of a longer way to the same sums
+    added = {"q": place[:-1], "q_next": place[1:], "v": np.full(len(cart), 0.02), "v_next": np.full(len(cart), 0.02)}
+    log = replace(cart, **{name: np.column_stack([getattr(cart, name), x]) for name, x in added.items()})
+    assert told(CART.replace("</worldbody>", target).format(mass=1.0), log) == ""
+
+
 def test_wrong_columns_of_a_joint_on_a_spring_end_the_fit(sprung: PositionLog) -> None:
     q = sprung.position
     negated = replace(sprung, position=q * [1.0, -1.0])

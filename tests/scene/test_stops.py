@@ -1,4 +1,4 @@
-"""Stops of joints: how hard they are as parameters is what solreflimit and solimplimit say in a file."""
+"""Stops of joints and ends of tendons: what parameters make of them is what a file says by its limits."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import cmbrl
+from cmbrl.bench.studies.derivatives.differences import compare
+from cmbrl.contact import Barrier
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.writing.fitted_file import fitted_file
@@ -18,6 +20,10 @@ ARM = """<mujoco><option timestep=".002"/><compiler angle="degree"/>
 <worldbody><body><joint name="shoulder"/><geom type="capsule" size=".03" fromto="0 0 0 .3 0 0"/>
 <body pos=".3 0 0"><joint name="elbow" damping=".05"/><geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/></body>
 </body></worldbody><actuator><motor joint="shoulder" gear="8"/><motor joint="elbow" gear="3"/></actuator></mujoco>"""
+STRING = """<mujoco><option timestep=".002"/><worldbody><site name="hand" pos="0 0 1"/><body name="ball" pos="0 0 .8">
+<joint name="x" type="slide" axis="1 0 0"/><joint name="z" type="slide" axis="0 0 1"/><geom size=".03" mass=".2"/>
+<site name="ball"/></body></worldbody><tendon><spatial name="string" limited="true" range="0 {length}"
+solreflimit="{ref}"><site site="hand"/><site site="ball"/></spatial></tendon></mujoco>"""
 USUAL = ".9 .95 .001"
 
 
@@ -73,6 +79,31 @@ def test_a_fitted_file_has_them(tmp_path: Path) -> None:
     own = ComplementarityModel(scene, parameters=theta).predict(q, v, u)
     read = ComplementarityModel(Scene.from_mjcf(tmp_path / "fitted.xml")).predict(q, v, u)
     np.testing.assert_allclose(own.v_next, read.v_next, atol=1e-2 * np.abs(own.v_next).max())
+
+
+def test_a_string_of_another_length_and_softness(tmp_path: Path) -> None:
+    """As in another file; derivatives are those of differences, and a fitted file has both."""
+    (tmp_path / "string.xml").write_text(STRING.format(length=0.3, ref=".02 1"))
+    scene, other = (
+        Scene.from_mjcf(each) for each in (tmp_path / "string.xml", STRING.format(length=0.315, ref=".05 .6"))
+    )
+    at = {"stop.string": 0.015, "stop_time.tendons": 2.5, "stop_damping.tendons": 0.6}
+    theta = np.array([at.get(p.name, p.nominal) for p in scene.parameters])
+    rng = np.random.default_rng(0)
+    angle, away = rng.uniform(-1, 1, 40), rng.uniform(0.29, 0.33, 40)
+    q, v = np.column_stack([away * np.sin(angle), 0.2 - away * np.cos(angle)]), rng.standard_normal((40, 2))
+    u = np.zeros((40, 0))
+    model = ComplementarityModel(scene, 2, parameters=theta)
+    theirs = ComplementarityModel(other, 2).predict(q, v, u).v_next
+    np.testing.assert_allclose(model.predict(q, v, u).v_next, theirs, rtol=1e-9, atol=1e-9)
+    assert np.abs(ComplementarityModel(scene, 2).predict(q, v, u).v_next - theirs).max() > 0.05
+    smooth = ComplementarityModel(scene, 2, parameters=theta, smoothing=Barrier(1e-4), path_tolerance=1e-12)
+    assert compare(smooth, q, v, u, 400)["median"] < 1e-6
+    written = fitted_file(scene, theta, {})
+    assert written.missing == ()
+    (tmp_path / "fitted.xml").write_text(written.text)
+    read = ComplementarityModel(Scene.from_mjcf(tmp_path / "fitted.xml"), 2).predict(q, v, u)
+    np.testing.assert_allclose(read.v_next, theirs, rtol=1e-6, atol=1e-6)
 
 
 def test_a_fit_finds_how_hard_they_are(tmp_path: Path) -> None:

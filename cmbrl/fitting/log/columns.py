@@ -23,7 +23,7 @@ from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.holding import losses_of_holding
 from cmbrl.fitting.log.horizons import checked_over
 from cmbrl.fitting.search.beginning import beginning
-from cmbrl.fitting.search.folds import draw_starts
+from cmbrl.fitting.search.folds import SOLVED, draw_starts
 from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
@@ -65,7 +65,8 @@ class ColumnsCheck:
         if horizon is None or not (joints or turns):
             return None
         held, own = self._loss_of_holding(horizon), self._by_coordinate(self._loss(horizon), space.nominal)
-        badly = np.flatnonzero(own > _BADLY * held)  # False of those that are not compared
+        # False of those that are not compared, and of what coasts: rounding is all that either guess leaves of it.
+        badly = np.flatnonzero(own > np.maximum(_BADLY * held, SOLVED))
         if not 0 < len(badly) <= MOST:
             return None
         rows = min(_ROWS, _SCREENED * horizon)

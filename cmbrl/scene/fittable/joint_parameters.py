@@ -32,8 +32,8 @@ _GAIN = 2.5  # reach of gains, to 56 times the file's and its inverse: a log's u
 _REACH = 0.2  # [rad, m] off its target, where a servo without a limit is said to give all it has
 _LEAST_LIMIT = {True: 0.01, False: 1e-9}  # of the file's limit of a force; of UNLIMITED, where it has none
 _STEEPEST = 1e3  # [N m s/rad, N s/m] of a limit that falls with speed
-_STOPS = (("stop_time", 0.01, 100.0), ("stop_damping", 0.01, 100.0), ("stop_softness", 1e-3, 1e3))
-_GAP = {True: 0.02, False: 0.2}  # largest backlash of slides [m] and hinges [rad], and what a stop may be off
+STOPS = (("stop_time", 0.01, 100.0), ("stop_damping", 0.01, 100.0), ("stop_softness", 1e-3, 1e3))
+GAP = {True: 0.02, False: 0.2}  # largest backlash of slides [m] and hinges [rad], and what a stop may be off
 
 
 def offer_joints(
@@ -79,11 +79,11 @@ def _offer_stops(model: mujoco.MjModel, joints: Sequence[Joint], layout: Layout,
     stopped = [j for j in joints if model.jnt_limited[j.source] and int(model.jnt_type[j.source]) != free]
     if not stopped or not limits_act(model):
         return
-    for field, low, high in _STOPS:
+    for field, low, high in STOPS:
         out.add(field, "joints", 1.0, low, high, "1", [layout.dof(joint.dofs[-1], field) for joint in stopped])
     for joint in stopped:
         slides = joint.kind == JointKind.SLIDE
-        most = min(_GAP[slides], 0.45 * float(np.ptp(model.jnt_range[joint.source])))
+        most = min(GAP[slides], 0.45 * float(np.ptp(model.jnt_range[joint.source])))
         if most > 0 and joint.kind != JointKind.BALL:
             place, unit = [layout.dof(joint.vadr, "wider")], "m" if slides else "rad"
             out.add("stop", joint.name, 0.0, -most, most, unit, place, default=False)
@@ -218,7 +218,7 @@ def offer_actuator(tree: Tree, actuator: Actuator, layout: Layout, k: int, out: 
 def _offer_limits(actuator: Actuator, slides: bool, layout: Layout, k: int, out: Collector) -> None:
     """A limit of the force below the file's, its fall with speed, and the gap of what pulls the position."""
     units = ("N", "N s/m", "m") if slides else ("N m", "N m s/rad", "rad")
-    most, name, gap = force_limit(actuator), actuator.name, _GAP[slides]
+    most, name, gap = force_limit(actuator), actuator.name, GAP[slides]
     if most > 0.0:
         least, place = most * _LEAST_LIMIT[most < UNLIMITED], [layout.actuator(k, "limit")]
         out.add("force_limit", name, most, least, most, units[0], place, default=False)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import mujoco
+import numpy as np
 
 from cmbrl.scene.fittable.collector import Collector
-from cmbrl.scene.fittable.joint_parameters import STRENGTHS, floating, strength
+from cmbrl.scene.fittable.joint_parameters import GAP, STOPS, STRENGTHS, floating, strength
 from cmbrl.scene.forces.actuators import Actuator
 from cmbrl.scene.forces.tendons import is_fixed
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import Array, Tendon, Tree
-from cmbrl.scene.source.mjcf import friction_acts
+from cmbrl.scene.source.mjcf import friction_acts, limits_act
 
 _UNITS = {"damping": ("N s/m", "N m s/rad"), "frictionloss": ("N", "N m")}  # through sites, and of sums of joints
 _TIMES = 20.0  # and its inverse, of what is not 0 in the file
@@ -42,3 +43,22 @@ def offer_tendons(
             elif field in _UNITS and strengths > 0 and (field == "damping" or friction_acts(model)):
                 unit, most = _UNITS[field][int(is_fixed(model, tendon.source))], STRENGTHS[field] * strengths
                 out.add(f"tendon_{field}", tendon.name, 0.0, 0.0, most, unit, [place], default=held)
+    _offer_stops(model, tendons, layout, out)
+
+
+def _offer_stops(model: mujoco.MjModel, tendons: Sequence[Tendon], layout: Layout, out: Collector) -> None:
+    """How hard tendons are at the ends of their ranges, all together, and how much longer each may be.
+
+    What ends at a string's length is as springy as the string, which no file of it knows well.
+    """
+    ended = [k for k, tendon in enumerate(tendons) if model.tendon_limited[tendon.source] and limits_act(model)]
+    if not ended:
+        return
+    for field, low, high in STOPS:
+        out.add(field, "tendons", 1.0, low, high, "1", [layout.dof(model.nv + k, field) for k in ended])
+    for k in ended:
+        turns = is_fixed(model, tendons[k].source)
+        most = min(GAP[not turns], 0.45 * float(np.ptp(model.tendon_range[tendons[k].source])))
+        if most > 0:
+            place, unit = [layout.dof(model.nv + k, "wider")], "rad" if turns else "m"
+            out.add("stop", tendons[k].name, 0.0, -most, most, unit, place, default=not turns)
