@@ -14,10 +14,20 @@ from torch import Tensor
 import cmbrl
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
+from cmbrl.numbers import real, whole
 
 MOST = 12  # states that are tried
 STATES = ("q", "v", "action", "q'", "v'")  # what functions take, in this order
 PARTS = {"reset": ("q", "v"), "act": ("q", "v", "u")}  # what these give; all others give one tensor
+
+
+def check_numbers(mdp: MDP, label: str) -> None:
+    """Raises UserError for a number of ``mdp`` that is none, such as a time limit of 2.5 or a control step of 0."""
+    for name in ("observations", "actions", "episode_steps", "repeat"):
+        whole(getattr(mdp, name), f"{label}: MDP.{name}")
+    for name in ("memory", "last_actions"):
+        whole(getattr(mdp, name), f"{label}: MDP.{name}", least=0)
+    real(mdp.dt, f"{label}: MDP.dt", above=0.0)
 
 
 @torch.no_grad()
@@ -53,28 +63,6 @@ def check_process(mdp: MDP, label: str) -> None:
                 raise UserError(f"{label}: MDP.{name} gives {found.dtype}: give bool, one for each state")
             if found.all() and mdp.episode_steps > 1:  # a throw is over after its one step
                 raise UserError(f"{label}: MDP.{name} ends every episode at its start: mend it, or MDP.reset")
-
-
-@torch.enable_grad()
-def check_derivative(mdp: MDP, label: str) -> None:
-    """Warns where observations, or the reward of a step, have no derivative in the state that they are taken of.
-
-    Raises UserError for functions that cannot be called with states that are differentiated.
-    """
-    q, v = (x.requires_grad_() for x in some(mdp, label))
-    action = q.new_zeros(len(q), mdp.actions)
-    found = {
-        "observe": called(mdp.observe, "observe", label, q, v),
-        "reward": called(mdp.reward, "reward", label, q.detach(), v.detach(), action, q.clone(), v.clone()),
-    }
-    for name, x in found.items():
-        if not x.requires_grad:
-            of, instead = ("q', v'", ", as a distance or a speed") if name == "reward" else ("q, v", "")
-            warnings.warn(
-                f"{label}: MDP.{name} has no derivative in {of}, which gradients of policies need: write it in torch "
-                f"without detach, item or comparisons{instead}",
-                stacklevel=2,
-            )
 
 
 def some(mdp: MDP, label: str) -> tuple[Tensor, Tensor]:

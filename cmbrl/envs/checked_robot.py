@@ -24,18 +24,26 @@ DEEP, MOST = 0.01, 0.5  # m inside each other in this share of the starts: noise
 TURNS = (0.5, 2.0)  # norms of quaternions: models scale them, and noise of resets may change them somewhat
 LITTLE, WASTED = 0.1, 0.75  # shares: of a range of controls that actions reach, and of the actions that lie within it
 BEYOND, SOME = 0.05, 0.1  # of a joint's range, which limits may give way, in this share of the starts
+LONG = 0.1  # s: no robot moves by so long a physics step
 TURNED = 3.0  # times the largest angle of a joint: an angle in degrees
 
 
 def check_robot(mdp: MDP, task: Task) -> None:
     """Raises UserError where ``mdp`` moves another robot than the one of the task's file, and warns of likely mistakes.
 
-    Those are commands beyond an actuator's range, or in a tenth of it, and starts beyond limits of joints, inside the
-    floor or each other. A file that cannot be modelled is not looked at: its real system can act all the same.
+    Those are physics steps in milliseconds, commands beyond an actuator's range, or in a tenth of it, and starts
+    beyond limits of joints, inside the floor or each other. A file that cannot be modelled is not looked at: its real
+    system can act all the same.
     """
     scene = None
     with suppress(UserError):
         scene = task.load_scene()
+    if task.time_step > LONG:
+        warnings.warn(
+            f"task {task.name!r}: Task.time_step is {task.time_step:g} s: give seconds, not milliseconds, or more "
+            "substeps",
+            stacklevel=2,
+        )
     if scene is not None:
         _check(mdp, scene, f"task {task.name!r}")
 

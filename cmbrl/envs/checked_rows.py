@@ -47,7 +47,7 @@ def _calls(mdp: MDP, label: str) -> Iterator[tuple[str, Any, tuple[Tensor, ...]]
     """Functions of ``mdp`` by name, with the states that each is tried on: starts that were moved at random, twice."""
     generator = torch.Generator().manual_seed(0)
     start = some(mdp, label)
-    (q, v), after = (_moved(mdp, *start, generator) for _ in range(2))
+    (q, v), after = (moved(mdp, *start, generator) for _ in range(2))
     action = 2 * torch.rand(len(q), mdp.actions, generator=generator, dtype=torch.float64) - 1
     yield "observe", mdp.observe, (q, v)
     yield "reward", mdp.reward, (q, v, action, *after)
@@ -57,7 +57,7 @@ def _calls(mdp: MDP, label: str) -> Iterator[tuple[str, Any, tuple[Tensor, ...]]
             yield name, function, after
 
 
-def _moved(mdp: MDP, q: Tensor, v: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+def moved(mdp: MDP, q: Tensor, v: Tensor, generator: torch.Generator) -> tuple[Tensor, Tensor]:
     """q, v (B, ...) moved by ``NEAR`` to ``FAR``, there and back in turns; memory, whose meaning is open, is left.
 
     Only rows that differ tell an ``any`` of the batch: some that have ended, and some that have not.

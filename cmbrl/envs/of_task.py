@@ -25,12 +25,13 @@ def decision_process(task: Task) -> MDP:
     What its functions return is tried on a few states (:mod:`cmbrl.envs.checked`), together and alone
     (:mod:`cmbrl.envs.checked_rows`).
     """
-    from cmbrl.envs.checked import check_process
+    from cmbrl.envs.checked import check_numbers, check_process
     from cmbrl.envs.checked_rows import check_rows
 
     if task.mdp is None:
         raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {_with_one() or 'none'}")
     mdp = task.mdp()
+    check_numbers(mdp, f"task {task.name!r}")
     if abs(mdp.dt / mdp.repeat - task.control_dt) > 1e-6 * task.control_dt:
         raise UserError(
             f"task {task.name!r}: Task.mdp takes {mdp.repeat} model steps in {mdp.dt:g} s, but Task.control_dt is "

@@ -176,10 +176,7 @@ def unlearned(earned: Mapping[str, float]) -> str:
             f"{both}: unless to rest is the task, {nothing}; a machine that stays at its start needs a reward that "
             "grows all the way from there, by more than its actions cost"
         )
-    return (
-        f"{both}: {nothing} or with gentler actions (MDP.act); --set saturation=0.1 helps where actions stick at their "
-        "limits"
-    )
+    return f"{both}: {nothing} or with gentler actions (MDP.act)"
 
 
 def quits(draws: Evaluation, mdp: MDP) -> str:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from cmbrl.envs.checked import check_derivative
+from cmbrl.envs.checked_gradient import check_derivative, check_effect
 from cmbrl.envs.checked_robot import check_robot
 from cmbrl.envs.of_task import check_system, decision_process, real_system, task_for
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP
+from cmbrl.models.named import nominal_model
 from cmbrl.models.source import load_log
 from cmbrl.registry import Task
 from cmbrl.text import parse_fields
@@ -128,6 +130,8 @@ def set_up(
     check_system(found)
     if chosen.differentiates:
         check_derivative(mdp, f"task {found.name!r}")
+        with suppress(UserError):  # a file that cannot be modelled is refused where it has to be
+            check_effect(mdp, nominal_model(found, threads=1), f"task {found.name!r}")
     config = configure(name, found, parse_fields(chosen.load()[1], settings or {}, name))
     return Setup(found, name, model, config, mdp, data, offline, smoothing, derivative, seed, threads, motion, start)
 

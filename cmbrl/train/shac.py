@@ -20,7 +20,7 @@ from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
-from cmbrl.train.policies.limits import slope
+from cmbrl.train.policies.limits import at_limits, slope
 from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.windows.config import WindowConfig, decayed
 from cmbrl.train.windows.critic import BETAS, Critic, check_discount, finite
@@ -106,7 +106,11 @@ class SHAC(WindowLearner):
             self.restraint(self._steps).backward()
         norm = nn.utils.clip_grad_norm_(self.policy.net.parameters(), self.config.clip)
         lost = self.lost.end_update()
-        metrics = {"gradient_norm": float(norm) if lost <= MOST else math.nan, "lost_gradients": lost}
+        metrics = {
+            "gradient_norm": float(norm) if lost <= MOST else math.nan,
+            "lost_gradients": lost,
+            "at_limits": at_limits([step.action for step in self._steps]),
+        }
         if self.iteration % self.config.variance_every == 0:
             metrics["gradient_variance"] = gradient_variance(self.policy, self._steps, self.config.least_slope)
         return metrics

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 import torch
 
 from cmbrl.data import Transitions
-from cmbrl.envs.checked import check_derivative
+from cmbrl.envs.checked_gradient import check_derivative, check_effect
 from cmbrl.envs.of_task import check_system, decision_process, real_system, recorded
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, never
@@ -63,6 +64,8 @@ def task(**changes) -> Task:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
+        ({"episode_steps": 2.5}, "episode_steps = 2.5: give a whole number from 1 to"),
+        ({"dt": 0.0}, "dt = 0.0: give a number above 0"),
         ({"observations": 3}, r"observe gives shape \(12, 2\) for 12 states, .* is 3: set MDP.observations to 2"),
         ({"observe": lambda q, v: q[:, 0]}, "observe gives shape .* give rows"),
         ({"reward": lambda q, v, a, q1, v1: v1}, r"reward gives shape \(12, 1\) for 12 states: give one number each"),
@@ -117,10 +120,37 @@ def test_rewards_and_observations_without_a_derivative_are_told() -> None:
     sparse = process(reward=lambda q, v, a, q1, v1: (v1[:, 0] > 1).double() - a.square().sum(1))
     with pytest.warns(UserWarning, match=r"mine: MDP.reward has no derivative in q', v', .* as a distance or a speed"):
         check_derivative(sparse, "mine")
+    flat = process(reward=lambda q, v, a, q1, v1: v1[:, 0].clamp(max=-1e3) + (10 * q1[:, 0]).round())
+    with pytest.warns(UserWarning, match=r"mine: MDP.reward has no derivative in q', v', .* signs or rounding"):
+        check_derivative(flat, "mine")
+    with pytest.warns(UserWarning, match="mine: MDP.reward is of the state before the step, .*: take q', v'"):
+        check_derivative(process(reward=lambda q, v, a, q1, v1: v[:, 0]), "mine")
     with pytest.warns(UserWarning, match=r"mine: MDP.observe has no derivative in q, v, "):
         check_derivative(process(observe=lambda q, v: torch.cat([q, v], dim=1).detach()), "mine")
     with pytest.raises(UserError, match=r"MDP.reward fails \(RuntimeError: Can't call numpy"):
         check_derivative(process(reward=lambda q, v, a, q1, v1: torch.from_numpy(q1[:, 0].numpy())), "mine")
+
+
+class Pushing:
+    """A model whose control pushes the first of two blocks, which meets the second at 1 m."""
+
+    name, dt = "pushing", 0.02
+
+    def step(self, q: torch.Tensor, v: torch.Tensor, u: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        v = v + u * torch.tensor([0.1, 0.0]) + (q[:, :1] - 1).clamp(min=0.0) * torch.tensor([0.0, 1.0])
+        return q + self.dt * v, v
+
+
+def test_a_reward_that_no_action_changes_is_told() -> None:
+    def rewarded(reward: Callable[..., torch.Tensor]) -> MDP:
+        at_rest = {"reset": lambda n, g: (torch.zeros(n, 2).double(), torch.zeros(n, 2).double())}
+        return process(**at_rest, reward=reward, episode_steps=25)
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_effect(rewarded(lambda q, v, a, q1, v1: 1 + q1[:, 0]), Pushing(), "mine")
+    with pytest.warns(UserWarning, match="mine: no action changes what MDP.reward gives in the first 25 steps,"):
+        check_effect(rewarded(lambda q, v, a, q1, v1: -(q1[:, 1] - 2).abs() - a.square().sum(1)), Pushing(), "mine")
 
 
 def test_a_sound_process_passes() -> None:

@@ -43,7 +43,7 @@ def starts(height: float = 0.5, norm: float = 1.0, nq: int = 8, nv: int = 7, arm
 
 @pytest.fixture
 def check(tmp_path: Path):
-    def of(controls: str = "-1 1", limits: str = "-30 30", **changes: object) -> None:
+    def of(controls: str = "-1 1", limits: str = "-30 30", step: float | None = None, **changes: object) -> None:
         (tmp_path / "ball.xml").write_text(SCENE.replace("RANGE", controls).replace("LIMITS", limits))
         sound = MDP(
             observations=8, actions=1, observe=lambda q, v: q, terminated=never, dt=0.02, episode_steps=10,
@@ -56,7 +56,7 @@ def check(tmp_path: Path):
         )  # fmt: skip
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            check_robot(mdp, task)
+            check_robot(mdp, task if step is None else replace(task, control_dt=4 * step, time_step=step))
 
     return of
 
@@ -81,6 +81,11 @@ def test_a_process_of_this_robot_passes(check) -> None:
 def test_a_process_of_another_robot_is_refused(check, changes: dict[str, object], says: str) -> None:
     with pytest.raises(UserError, match=f"task 'ball': {says}"):
         check(**changes)
+
+
+def test_milliseconds_are_told(check) -> None:
+    with pytest.raises(UserWarning, match=r"Task\.time_step is 5 s: give seconds, not milliseconds"):
+        check(step=5.0)
 
 
 @pytest.mark.parametrize("controls", ["-33 33", "0 0.4", "2 3"])

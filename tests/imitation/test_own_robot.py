@@ -69,7 +69,7 @@ def test_every_command_finds_the_task_of_a_file_again(
     assert trained(folder) == 0
     assert trained(folder, "--resume") == 0
     told = json.loads((folder / "run/train.json").read_text())
-    assert f"whole episodes of an evaluation earn {told['model_return']['policy']:.4g} in" in capsys.readouterr().out
+    assert f"{told['model_return']['policy']:.4g} in the model" in capsys.readouterr().out
     assert main(["evaluate", run, "--real", "--episodes", "1", "--json"]) == 0
     real = json.loads(capsys.readouterr().out)["in"]["real"]
     assert real["mean_body_position_error_cm"] > 0

@@ -12,7 +12,7 @@ import torch
 import cmbrl
 from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.mdp import never, uniform
-from cmbrl.train.policies.limits import Bounded, slope
+from cmbrl.train.policies.limits import Bounded, at_limits, slope
 from cmbrl.train.recipe import window
 from cmbrl.train.shac import SHAC, SHACConfig, at_drive
 
@@ -51,6 +51,7 @@ def test_gradients_of_pinned_policies_are_those_of_their_actions(least: float, t
     trainer.loss(steps).backward()
     actions = torch.cat([step.action for step in steps]).detach()
     assert actions.min() > 0.99
+    assert at_limits([step.action for step in steps]) == 1.0
     gradients = torch.cat([step.action.grad for step in steps])
     back = gradients > 0
     assert back.any()

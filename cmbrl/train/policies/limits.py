@@ -14,6 +14,7 @@ earned 4,843 by .4 for all, and 4,755 by tanh's (one seed each, in the model).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -31,6 +32,11 @@ def slope(action: Tensor, gradient: Tensor, least: float) -> Tensor:
     flat = 1.0 - action.square()
     counts = (gradient * action > 0) | (action.abs() < LIMIT)
     return torch.where(counts, flat.clamp(min=least), flat)
+
+
+def at_limits(actions: Sequence[Tensor]) -> float:
+    """The share of numbers in ``actions``, each (B, n), that are at their limits."""
+    return float(torch.stack([action.detach().abs() > LIMIT for action in actions]).float().mean())
 
 
 class Bounded(torch.autograd.Function):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+PINNED = 0.6  # share of actions: of machines that swing up, those below it did, and those above it hung or spun
+
 
 def commands_text(told: Mapping[str, Any]) -> str:
     """What a run's ``commands`` are, in words.
@@ -48,6 +50,23 @@ def progress_text(row: Mapping[str, float]) -> str:
     if row.get("steps"):
         parts.append(f"{_short(row['steps'])} model steps")
     return ", ".join([*parts, f"{row['seconds']:.0f} s"])
+
+
+def pinned_text(row: Mapping[str, float]) -> str:
+    """What the last row says of actions at their limits; empty where they are few, or were not counted.
+
+    >>> pinned_text({"at_limits": 0.97})[:72]
+    '97 % of its actions are at their limits, from where it learns little: if'
+    >>> pinned_text({"at_limits": 0.3})
+    ''
+    """
+    share = row.get("at_limits", 0.0)
+    if share < PINNED:
+        return ""
+    return (
+        f"{100 * share:.0f} % of its actions are at their limits, from where it learns little: if it earns too little, "
+        "try --set least_slope=0.2, or another --seed"
+    )
 
 
 def _short(count: float) -> str:

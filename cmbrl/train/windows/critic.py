@@ -5,6 +5,7 @@ Xu et al., "Accelerated Policy Learning with Parallel Differentiable Simulation"
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, cast
@@ -74,6 +75,8 @@ class Critic:
         observations, targets = self.targets(steps)
         usable = torch.isfinite(observations).all(dim=1) & torch.isfinite(targets)
         observations, targets = observations[usable], targets[usable]
+        if not len(targets):  # such an update is skipped, and said
+            return math.nan
         self.units.follow(targets, self.net, self.target)
         inputs, goals, total = self.normaliser(observations), self.units.goal(targets), 0.0
         for _ in range(c.critic_epochs):

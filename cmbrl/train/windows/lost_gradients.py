@@ -127,14 +127,14 @@ def blame(shares: Mapping[str, float]) -> str:
         return ""
     names = " and ".join(f"MDP.{name} (in up to {100 * share:.3g} % of states)" for name, share in shares.items())
     return (
-        f"there is no finite derivative of {names}: a root, norm, arccosine or division at its end, also in the branch "
-        "of a torch.where that is not taken; add a small number inside it, or clamp before it"
+        f"there is no finite value or derivative of {names}: a root, norm, logarithm, arccosine or division at its end "
+        "or beyond, also in the branch of a torch.where that is not taken; add a small number in it, or clamp before it"
     )
 
 
 @torch.enable_grad()
 def without_derivative(mdp: MDP, q: Tensor, v: Tensor) -> dict[str, float]:
-    """Shares of states q (B, nq), v (B, nv) in which a function of ``mdp`` has no finite derivative, by its name.
+    """Shares of states q (B, nq), v (B, nv) where a function of ``mdp`` or its derivative is not finite, by its name.
 
     The derivative is that of its values in all it is given, actions of 0 among it.
     """
@@ -156,10 +156,11 @@ def without_derivative(mdp: MDP, q: Tensor, v: Tensor) -> dict[str, float]:
 
 def _lost_share(function: Any, given: tuple[Tensor, ...]) -> float:
     states = [x.clone().requires_grad_() for x in given]
-    values = function(*states)
-    total = sum(x.sum() for x in (values if isinstance(values, tuple) else (values,)) if x.requires_grad)
-    if not isinstance(total, Tensor):
+    found = function(*states)
+    values = [x for x in (found if isinstance(found, tuple) else (found,)) if x.requires_grad]
+    if not values:
         return 0.0
+    total = torch.stack([x.sum() for x in values]).sum()
     gradients = [g for g in torch.autograd.grad(total, states, allow_unused=True) if g is not None]
-    finite = torch.stack([torch.isfinite(g).flatten(1).all(dim=1) for g in gradients]).all(dim=0)
+    finite = torch.stack([torch.isfinite(x.reshape(len(x), -1)).all(dim=1) for x in values + gradients]).all(dim=0)
     return 1.0 - float(finite.double().mean())
