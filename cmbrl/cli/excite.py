@@ -75,13 +75,24 @@ def run(arguments: argparse.Namespace) -> None:
             model, arguments.seconds, start, arguments.rounds, arguments.fastest, arguments.margin, arguments.seed, show
         )
     write(found, source.scene, out)
-    told = {"gain": found.gain, "random_gain": found.random_gain, "safe": found.safe, "rows": len(found.time)}
+    numbers = {"gain": found.gain, "random_gain": found.random_gain, "safe": found.safe, "rows": len(found.time)}
     if arguments.json:
-        print(json.dumps({"file": str(out), **told}, indent=2))
+        print(json.dumps({"file": str(out), **numbers, "start": found.motion[0].tolist()}, indent=2))
         return
     print(f"{out}: {len(found.time)} commands, {found.time[1] - found.time[0]:g} s apart, for {source.scene.name}")
     print(f"  expected to tell {found.gain:.1f} nats about the parameters; without a search, {found.random_gain:.1f}")
+    if moved := _moved(found, source.scene, source.scene.q0 if start is None else start):
+        print(f"  the start lies beyond ranges, so drive the robot there first: {moved}")
     print(f"  {100 * found.safe:.0f} % of the commands drawn were safe: joints in their ranges, nothing touched")
+
+
+def _moved(found: Excitation, scene: Scene, start: np.ndarray) -> str:
+    """The joints that begin elsewhere than in ``start`` (nq,), and where."""
+    return ", ".join(
+        f"{joint.name} at {found.motion[0, joint.qadr]:.4g}"
+        for joint in scene.joints
+        if found.motion[0, joint.qadr] != start[joint.qadr]
+    )
 
 
 def _source(arguments: argparse.Namespace) -> Source:

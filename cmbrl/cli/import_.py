@@ -58,7 +58,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--angles",
         choices=("rad", "deg", "rev", "mrad"),
         default="rad",
-        help="unit of hinges whose columns are found by name (default rad)",
+        help="unit of hinges where neither --map nor a column's name tells it (default rad)",
     )
     parser.add_argument(
         "--rate", type=positive_number, metavar="HZ", help="samples per second of the log, and of files without times"

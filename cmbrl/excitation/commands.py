@@ -17,20 +17,25 @@ _FREE = 0.5  # [rad, m] either way, of a servo whose joint has no limits
 
 @dataclass(frozen=True)
 class Ranges:
-    """What commands may be: ``low``, ``high``, and their value at ``rest`` (nu,); ``servo`` (nu,): of positions."""
+    """What commands may be: ``low``, ``high``, and the first of them, at ``rest`` (nu,); ``servo`` (nu,): of positions.
+
+    ``start`` (nq,): where servos hold the robot by the first commands.
+    """
 
     low: np.ndarray
     high: np.ndarray
     rest: np.ndarray
     servo: np.ndarray
+    start: np.ndarray
 
     @classmethod
     def of(cls, scene: Scene, q: np.ndarray, margin: float) -> Ranges:
         """Of ``scene`` at rest in ``q`` (nq,); ``margin`` is the share of each range that is kept clear at both ends.
 
-        Raises UserError for an actuator without limits, and for a start that is not inside them.
+        What lies beyond its range there, as in many files the initial pose does, starts at the nearest place within.
+        Raises UserError for an actuator without limits.
         """
-        core, layout = scene.core, scene.layout
+        core, layout, start = scene.core, scene.layout, q.copy()
         hinges = {j.vadr: j.qadr for j in scene.joints}
         limits = joint_limits(scene)
         low, high, rest, servo = (np.zeros(scene.nu) for _ in range(4))
@@ -50,12 +55,10 @@ class Ranges:
                 raise UserError(f"actuator {name!r} of {scene.name!r} has no limits: give it a ctrlrange in the file")
             clear = margin * (bounds[1] - bounds[0])
             low[k], high[k] = bounds[0] + clear, bounds[1] - clear
-            if not low[k] <= rest[k] <= high[k]:
-                raise UserError(
-                    f"actuator {name!r} starts at {rest[k]:g}, outside [{low[k]:g}, {high[k]:g}]: give another start "
-                    "(--start KEY, a keyframe of the file), or a smaller --margin"
-                )
-        return cls(low, high, rest, servo.astype(bool))
+            rest[k] = np.clip(rest[k], low[k], high[k])
+            if servo[k]:
+                start[hinges[line]] = rest[k] / gear
+        return cls(low, high, rest, servo.astype(bool), start)
 
 
 def joint_limits(scene: Scene) -> np.ndarray:

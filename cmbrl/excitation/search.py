@@ -67,7 +67,8 @@ def excite(
 
     Args:
         model: the robot as it is known; its control step is that of the commands.
-        start: the configuration (nq,) at rest from which the robot starts; default: that of the file.
+        start: the configuration (nq,) at rest from which the robot starts; default: that of the file. Servos beyond
+            their ranges in it start at the nearest place within (``Excitation.motion`` begins there).
         margin: share of each range of motion and force that stays unused at both ends.
         seed: the same seed gives the same commands.
         progress: called with (fraction done, current activity).
@@ -82,8 +83,8 @@ def excite(
     if not scene.nu:
         kind = "`cmbrl convert` adds those of a URDF" if scene.urdf_changes else "add them to its file"
         raise UserError(f"{scene.name}: has no actuators to command; {kind}")
-    q = scene.q0.copy() if start is None else start
-    ranges, rng = Ranges.of(scene, q, margin), np.random.default_rng(seed)
+    ranges, rng = Ranges.of(scene, scene.q0 if start is None else start, margin), np.random.default_rng(seed)
+    q = ranges.start
     time = model.dt * np.arange(round(seconds / model.dt))
     best, gains = Tones.drawn(rng, 0, scene.nu, seconds, fastest), np.zeros(0)
     first: list[float] = []

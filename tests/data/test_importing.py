@@ -154,13 +154,34 @@ def test_ball_joints_and_several_bodies_are_known_by_their_names(
         ({"a": "elbow"}, "give JOINT.QUANTITY:UNIT"),
         ({"a": "pump.control"}, "no actuator 'pump'"),
         ({"a": "base.x"}, "no joint 'base'"),
+        ({"I2 [A]": "elbow.torque"}, "has a unit that is none of this torque: .* as elbow.torque:0.01N m"),
+        ({"raw_counts": "elbow.position"}, "has a unit that is none of this angle"),
         ({"c": "elbow.position"}, "no column 'c' in the log"),
         ({"a": "elbow.position", "b": "elbow.position"}, "two columns have the same target"),
     ],
 )
 def test_mistakes_in_a_mapping(given: dict[str, str], told: str, scene: Scene) -> None:
     with pytest.raises(UserError, match=told):
-        match(["a", "b"], given, scene)
+        match(["a", "b", "I2 [A]", "raw_counts"], given, scene)
+
+
+@pytest.mark.parametrize(
+    ("column", "text", "factor"),
+    [
+        ("J2 [deg]", "elbow.position", np.pi / 180),
+        ("J2 [deg]", "elbow.position:-", -np.pi / 180),
+        ("J2 [deg]", "elbow.position:rad", 1.0),
+        ("M2 (mNm)", "elbow.torque", 1e-3),
+        ("speed 2 rpm", "elbow.velocity", 2 * np.pi / 60),
+        ("clock [ms]", "time", 1e-3),
+        ("second axis", "elbow.position", 2 * np.pi),
+        ("second axis", "elbow.position:0.5", 0.5),
+        ("second axis", "elbow.torque", 1.0),
+    ],
+)
+def test_names_of_mapped_columns_tell_units(column: str, text: str, factor: float, scene: Scene) -> None:
+    """Where a mapping has none; otherwise hinges have the unit of angles."""
+    assert match([column], {column: text}, scene, angles="rev")[column].factor == pytest.approx(factor)
 
 
 def test_two_columns_of_one_name_and_how_to_choose(scene: Scene) -> None:

@@ -32,7 +32,7 @@ ARM = """
   <position joint="hip" name="m_hip" kp="25" kv="1"/>
   <position joint="knee" name="m_knee" kp="25" kv="1"/>
 </actuator>
-<keyframe><key name="bent" qpos=".2 -.3"/></keyframe></mujoco>
+<keyframe><key name="bent" qpos=".2 -.3"/><key name="folded" qpos=".2 1.5"/></keyframe></mujoco>
 """
 QUICK = Budget(polish_rows=2000, polish_iterations=8, fold_iterations=1)
 
@@ -100,6 +100,15 @@ def test_command(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
     table = np.loadtxt(out, delimiter=",", skiprows=1)
     assert out.read_text().splitlines()[0] == "time,m_hip.commanded_position,m_knee.commanded_position"
     np.testing.assert_allclose(table[0], [0.0, 0.2, -0.3])
+
+
+def test_a_start_at_a_limit_moves_within_the_margin(arm: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    """As of a file whose knee is straight at 0, which is the end of its range."""
+    out = tmp_path / "commands.csv"
+    words = ["excite", str(arm), "--seconds", "2", "--rounds", "1", "--start", "folded", "--out", str(out)]
+    assert main([*words, "--rate", "50"]) == 0
+    assert "drive the robot there first: knee at 1.2\n" in capsys.readouterr().out
+    np.testing.assert_allclose(np.loadtxt(out, delimiter=",", skiprows=1)[0], [0.0, 0.2, 1.2])
 
 
 def test_play_lies_at_its_ends_and_no_sensor_tells_it(arm: Path) -> None:

@@ -24,7 +24,7 @@ class Options:
     Attributes:
         columns: column -> ``JOINT.QUANTITY:UNIT``, for columns whose names do not tell.
         joints: names of the columns of arrays that have none.
-        angles: unit of hinges in columns that are recognised by name.
+        angles: unit of hinges where neither ``columns`` nor the name of a column tells it.
         rate: [Hz] of the grid, and of files without times; None: as the samples are.
         gap: longest stretch of lost samples that is filled in.
         frames: of the velocities of a floating base.

@@ -6,6 +6,8 @@ import re
 from collections.abc import Collection
 
 from cmbrl.data.importing.columns.units import UNITS
+from cmbrl.errors import UserError
+from cmbrl.numbers import shown
 
 PERCENT = "percent"
 _BRACKETS = re.compile(r"(?P<stem>.*?)[ _]*[\[(]\s*(?P<unit>[^\[\]()]+?)\s*[\])]\s*")
@@ -55,6 +57,29 @@ def of_words(words: Collection[str]) -> str | None:
     """The unit among the ``words`` of a name; "" for one of something else, None where there is none."""
     found = [word for word in words if word in WORDS]
     return (normal(found[0]) or "") if found else None
+
+
+def of_column(name: str, dimension: str, text: str, angles: str = "rad") -> str:
+    """The unit that the ``name`` of a column tells of a quantity, else ``angles`` of an angle and its speed, else "".
+
+    ``text`` is what the user has told of the column. Raises UserError for a unit that is none of this ``dimension``.
+
+    >>> of_column("J1 [deg]", "angle", "hip.position"), of_column("rail_mm", "length", "rail.position")
+    ('deg', 'mm')
+    """
+    if not UNITS[dimension]:
+        return ""
+    unit = split(name)[1]
+    unit = of_words(re.split(r"[^a-z]+", name.lower())) if unit is None else unit
+    if unit is None:
+        return angles if angles in UNITS[dimension] else ""
+    if unit in UNITS[dimension] or (unit == PERCENT and dimension in ("angle", "length")):
+        return unit
+    one = next(iter(UNITS[dimension]))
+    raise UserError(
+        f"--map: the name of column {shown(name)} has a unit that is none of this {dimension}: say what one of it "
+        f"is, as {text.strip()}:0.01{one}, or {text.strip()}:{one} if the name is wrong"
+    )
 
 
 def is_unit(field: str) -> bool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, Single, joints_of
 from cmbrl.data.importing.columns import named_units
-from cmbrl.data.importing.columns.units import TURN_UNITS, UNITS, affine_of, factor_of
+from cmbrl.data.importing.columns.units import TURN_UNITS, UNITS, affine_of, dimension_of, factor_of
 from cmbrl.data.importing.columns.words import (
     CLOCKS,
     EPISODES,
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
 _AFFINE = ("position", "command")  # of single joints: what may count from another zero
-SINGLE = ("position", "velocity", "command", "torque")
 BASE = "base"  #: the only free joint
 
 
@@ -50,18 +49,19 @@ class Target:
         return self.owner, self.quantity
 
 
-def parse(text: str, scene: Scene) -> Target | None:
+def parse(text: str, scene: Scene, column: str = "", angles: str = "rad") -> Target | None:
     """``joint.quantity:unit``, ``base.qw``, ``actuator.control``, ``time:ms`` or ``episode``; None for ``-``.
 
     A unit may have a factor before it and what is to be added behind it, as ``-deg+90``; ``percent`` and ``+-percent``
-    are of the joint's range. Raises UserError that names what is unknown, and the nearest.
+    are of the joint's range. Where there is none, the name of the ``column`` may tell it (``J1 [deg]``); ``angles`` is
+    that of other hinges. Raises UserError that names what is unknown, and the nearest.
     """
     word, _, unit = text.strip().partition(":")
     word, unit = word.strip(), unit.strip()
     if word == "-":
         return None
     if word in ("time", "episode"):
-        return Target("", word, factor_of(unit, word, text))
+        return Target("", word, factor_of(unit or named_units.of_column(column, word, text), word, text))
     owner, dot, quantity = word.rpartition(".")
     if not dot:
         raise UserError(f"--map: {shown(text)}: give JOINT.QUANTITY:UNIT, ACTUATOR.control, time:UNIT, episode or -")
@@ -76,7 +76,9 @@ def parse(text: str, scene: Scene) -> Target | None:
         if joint is not body and joint.name != owner:
             continue
         pace = quantity == "command" and joint.name in paced(scene)
-        dimension = _dimension(joint, "velocity" if pace else quantity)
+        dimension = dimension_of(joint, "velocity" if pace else quantity)
+        if unit in ("", "-"):  # of a sign alone the name still tells the unit
+            unit += named_units.of_column(column, dimension, text, angles if isinstance(joint, Single) else "rad")
         if isinstance(joint, Single) and quantity in _AFFINE and not pace:
             return Target(joint.name, quantity, *affine_of(unit, dimension, joint, scene, text))
         return Target(joint.name, quantity, factor_of(unit, dimension, text))
@@ -88,24 +90,10 @@ def _base(floating: list[Floating]) -> Floating | None:
     return free[0] if len(free) == 1 else None
 
 
-def _dimension(joint: Single | Floating, quantity: str) -> str:
-    """The kind of unit of a quantity; raises UserError if the joint has no such quantity."""
-    if isinstance(joint, Floating):
-        known = {name: "length" for name in PLACE} | {name: "number" for name in TURN}
-        known |= {name: "speed" for name in LINEAR} | {name: "angular speed" for name in ANGULAR}
-        known = {name: unit for name, unit in known.items() if name in {**joint.position, **joint.velocity}}
-    else:
-        units = ("angle", "angular speed", "angle", "torque") if joint.hinge else ("length", "speed", "length", "force")
-        known = dict(zip(SINGLE, units, strict=True))
-    if quantity not in known:
-        raise UserError(f"--map: joint {joint.name!r} has no {quantity!r}: {did_you_mean(quantity, known)}")
-    return known[quantity]
-
-
 def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles: str = "rad") -> dict[str, Target]:
     """Targets of ``columns``: those in ``given`` as they are, others by their names. Columns of no use are left out.
 
-    ``angles``: the unit of hinges that are recognised by name. Raises UserError if two columns have one target, or
+    ``angles``: the unit of hinges, where nothing else tells it. Raises UserError if two columns have one target, or
     ``given`` names a column that is not there.
     """
     names = list(columns)
@@ -113,7 +101,7 @@ def match(columns: Iterable[str], given: Mapping[str, str], scene: Scene, angles
         if column not in names:
             raise UserError(f"--map: no column {column!r} in the log: {did_you_mean(column, names)}")
     found: dict[str, Target] = {}
-    told = {column: parse(text, scene) for column, text in given.items()}
+    told = {column: parse(text, scene, column, angles) for column, text in given.items()}
     taken = {target.key: column for column, target in told.items() if target}
     if len(taken) < sum(target is not None for target in told.values()):
         raise UserError("--map: two columns have the same target; drop one")
@@ -201,14 +189,14 @@ class _Guesser:
         if own is None or unit is None:
             return own
         body = next(joint for joint in self.bodies if joint.name == own.owner)
-        kind = _dimension(body, own.quantity)
+        kind = dimension_of(body, own.quantity)
         if kind == "number":
             return own
         return replace(own, factor=UNITS[kind][unit]) if unit in UNITS[kind] else None
 
     def _in(self, unit: str, joint: Single, quantity: str, column: str) -> Target | None:
         """``quantity`` of ``joint`` in a unit that the name of the column tells; None where it has no such unit."""
-        kind = _dimension(joint, "velocity" if quantity == "command" and joint.name in self.paced else quantity)
+        kind = dimension_of(joint, "velocity" if quantity == "command" and joint.name in self.paced else quantity)
         if unit in UNITS[kind]:
             return Target(joint.name, quantity, UNITS[kind][unit])
         if unit != named_units.PERCENT or not joint.limited or kind not in ("angle", "length"):

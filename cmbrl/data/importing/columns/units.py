@@ -6,7 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING
 
-from cmbrl.data.importing.bodies import Single
+from cmbrl.data.importing.bodies import ANGULAR, LINEAR, PLACE, TURN, Floating, Single
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.numbers import shown
 
@@ -27,6 +27,7 @@ UNITS: dict[str, dict[str, float]] = {
     "number": {},
     "episode": {},
 }  # fmt: skip
+SINGLE = ("position", "velocity", "command", "torque")  #: quantities of a joint of one coordinate
 _SHARES = {"percent": (0.0, 100.0), "+-percent": (-100.0, 100.0)}  # of a joint's range
 _ONE_COUNT = {
     "angle": "0.17578deg", "length": "0.01mm", "angular speed": "0.1deg/s", "speed": "0.1mm/s", "torque": "0.01N m",
@@ -35,6 +36,20 @@ _ONE_COUNT = {
 _COUNTS = {"count", "counts", "tick", "ticks", "pulse", "pulses", "step", "steps", "lsb", "raw", "adc", "pwm", "duty"}
 _NUMBER = re.compile(r"(?P<sign>-?)(?P<number>(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)?\s*(?P<unit>.*)")
 _MORE = re.compile(r"(?P<unit>.*?)(?P<more>[+-](\d+\.?\d*|\.\d+))?")
+
+
+def dimension_of(joint: Single | Floating, quantity: str) -> str:
+    """The kind of unit of a quantity; raises UserError if the joint has no such quantity."""
+    if isinstance(joint, Floating):
+        known = {name: "length" for name in PLACE} | {name: "number" for name in TURN}
+        known |= {name: "speed" for name in LINEAR} | {name: "angular speed" for name in ANGULAR}
+        known = {name: unit for name, unit in known.items() if name in {**joint.position, **joint.velocity}}
+    else:
+        units = ("angle", "angular speed", "angle", "torque") if joint.hinge else ("length", "speed", "length", "force")
+        known = dict(zip(SINGLE, units, strict=True))
+    if quantity not in known:
+        raise UserError(f"--map: joint {joint.name!r} has no {quantity!r}: {did_you_mean(quantity, known)}")
+    return known[quantity]
 
 
 def factor_of(unit: str, dimension: str, text: str) -> float:

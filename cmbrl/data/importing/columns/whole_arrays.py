@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable, Mapping
 
 from cmbrl.data.importing.bodies import joints_of
 from cmbrl.data.importing.columns.state import arrays, layout
-from cmbrl.data.importing.columns.targets import SINGLE
+from cmbrl.data.importing.columns.units import SINGLE
 from cmbrl.data.importing.columns.words import WORDS
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
