@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterable
 
 LONGEST = 300  #: characters of one word (a path, a number) in a message
+MOST = 40  #: names that a message lists
 
 
 class UserError(ValueError):
@@ -40,4 +41,5 @@ def did_you_mean(name: str, choices: Iterable[str], listed: Iterable[str] | None
     if near:
         return f"did you mean {near[0]!r}?"
     known = known if listed is None else sorted(listed)
-    return f"known: {', '.join(known)}" if known else "none are known"
+    more = f" and {len(known) - MOST} more" if len(known) > MOST else ""
+    return f"known: {', '.join(known[:MOST])}{more}" if known else "none are known"

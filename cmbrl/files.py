@@ -108,6 +108,8 @@ def check_writable(path: str | os.PathLike[str], folder: bool = False) -> None:
         raise UserError(f"{target}: is a folder, not a file; name a file inside it")
     place = target if folder else target.parent
     while not place.exists():
+        if place.is_symlink():
+            raise UserError(f"{place}: links to {os.readlink(place)}, which is not there; make that folder first")
         place = place.parent
     try:
         with tempfile.TemporaryFile(dir=place):

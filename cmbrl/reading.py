@@ -26,6 +26,8 @@ def regular_file(path: str | os.PathLike[str], remedy: str = "check the path", l
         raise UserError(f"{shown(path)}: not the path of a file; {remedy}") from None
     if not stat.S_ISREG(found.st_mode):
         raise UserError(f"{file}: no such file: it is a {_kind(found.st_mode)}; {remedy}")
+    if not os.access(file, os.R_OK):
+        raise UserError(f"{file}: cannot be read (Permission denied); check its permissions")
     if largest is not None and found.st_size > largest:
         raise UserError(f"{file}: too large ({found.st_size} bytes, at most {largest}); {remedy}")
     return file

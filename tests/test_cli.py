@@ -92,6 +92,24 @@ def test_overview_and_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().out.startswith("cmbrl ")
 
 
+@pytest.mark.parametrize(
+    ("typed", "code"), [("info nope 2>&-", 2), ("--version >&-", 0), ("--version <&- >&- 2>&-", 0)]
+)
+def test_streams_that_are_closed_lead_nowhere(typed: str, code: int) -> None:
+    ended = subprocess.run(["sh", "-c", f"{sys.executable} -m cmbrl {typed}"], capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", "")
+
+
+def test_a_folder_that_was_removed_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    assert main(["info", "hopper"]) == 2
+    assert "the folder that you are in has been removed" in capsys.readouterr().err
+
+
 def test_help_does_not_wait_for_torch(command) -> None:
     code = "import sys, cmbrl.cli; cmbrl.cli.main(['fit', '--help'])"
     done = subprocess.run([sys.executable, "-X", "importtime", "-c", code], capture_output=True, text=True)

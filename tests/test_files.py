@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import os
 from pathlib import Path
 
 import pytest
 
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.files import atomic_path, check_writable, read_json, write_json, write_text
+from cmbrl.reading import regular_file
 
 
 def test_a_failed_write_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
@@ -48,6 +50,16 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         check_writable(tmp_path / "file", folder=True)
     check_writable(tmp_path / "new" / "log.npz")
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]  # asking writes nothing
+    (tmp_path / "link").symlink_to(tmp_path / "absent")
+    with pytest.raises(UserError, match=r"link: links to .*absent, which is not there"):
+        check_writable(tmp_path / "link" / "log.npz")
+
+
+def test_a_file_that_may_not_be_read_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_text(tmp_path / "log.npz", "x")
+    monkeypatch.setattr("os.access", lambda path, mode: mode != os.R_OK)  # whoever runs the tests may read it
+    with pytest.raises(UserError, match=r"log\.npz: cannot be read \(Permission denied\); check its permissions"):
+        regular_file(tmp_path / "log.npz")
 
 
 def test_json_is_read_back_and_a_bad_file_is_named(tmp_path: Path) -> None:
@@ -64,4 +76,5 @@ def test_json_is_read_back_and_a_bad_file_is_named(tmp_path: Path) -> None:
 def test_an_unknown_name_brings_the_nearest() -> None:
     assert did_you_mean("hoper", ["hopper", "cheetah"]) == "did you mean 'hopper'?"
     assert did_you_mean("zzz", ["hopper", "cheetah"]) == "known: cheetah, hopper"
+    assert did_you_mean("zzz", map(str, range(100))).endswith(" and 60 more")
     assert "\n" not in str(UserError("two\nlines"))

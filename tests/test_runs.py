@@ -45,13 +45,30 @@ def test_a_killed_run_leaves_its_folder_to_others(tmp_path: Path) -> None:
         pass
 
 
-@pytest.mark.parametrize("words", [TRAIN, "fit hopper --data hopper.npz --groups gear --threads 1"])
-def test_a_second_command_is_refused_and_writes_nothing(
-    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+SECOND = (
+    TRAIN,
+    "fit hopper --data hopper.npz --groups gear --threads 1",
+    "error nominal --scene hopper --data hopper.npz",
+    "sweep train.yaml --seeds 0:2",
+    "bench reduction --quick",
+)
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a log and a configuration."""
     pytest.importorskip("gymnasium")
-    monkeypatch.chdir(tmp_path)
-    load_task("hopper").record(120, seed=0).save("hopper.npz")
+    folder = tmp_path_factory.mktemp("inputs")
+    load_task("hopper").record(120, seed=0).save(folder / "hopper.npz")
+    (folder / "train.yaml").write_text("command: train\ntask: hopper\nalgorithm: shac\nmodel: nominal\niterations: 1\n")
+    return folder
+
+
+@pytest.mark.parametrize("words", SECOND)
+def test_a_second_command_is_refused_and_writes_nothing(
+    words: str, inputs: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(inputs)
     with alone_in("run"):
         assert main([*words.split(), "--out", "run"]) == 2
         assert "run: another run is at work in this folder" in capsys.readouterr().err

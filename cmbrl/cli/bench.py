@@ -19,7 +19,7 @@ from cmbrl.cli.options import add_json, add_runner, add_seed, add_threads
 from cmbrl.cli.parser import Parser, resolved
 from cmbrl.cli.progress import counting, fraction
 from cmbrl.errors import UserError, did_you_mean
-from cmbrl.runs import check_run_folder, environment, usable_cores, write_run
+from cmbrl.runs import alone_in, check_run_folder, environment, usable_cores, write_run
 
 ALL, STALE = "all", "stale"
 EXAMPLE = """
@@ -134,7 +134,8 @@ def _folder(arguments: argparse.Namespace) -> Iterator[Path]:
     """``--out``, with how the command was called in it, or a folder that is gone afterwards."""
     if arguments.out:
         check_run_folder(arguments.out, "bench")
-        yield write_run(arguments.out, "bench", resolved(arguments))
+        with alone_in(arguments.out):
+            yield write_run(arguments.out, "bench", resolved(arguments))
     else:
         with tempfile.TemporaryDirectory() as temporary:
             yield Path(temporary)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -19,7 +20,7 @@ from cmbrl.cli.progress import fraction
 from cmbrl.errors import UserError
 from cmbrl.files import write_json, write_text
 from cmbrl.models.source import POSITIONS_ONLY, load_log, load_logs
-from cmbrl.runs import check_run_folder, usable_cores, write_run
+from cmbrl.runs import alone_in, check_run_folder, usable_cores, write_run
 
 if TYPE_CHECKING:
     from cmbrl.accuracy.open_loop import OpenLoop
@@ -104,6 +105,13 @@ def run(arguments: argparse.Namespace) -> None:
     for option, value in (("--from", arguments.since), ("--restart", arguments.restart)):
         if value is not None and not arguments.open_loop:
             raise UserError(f"{option} is for --open-loop: add it, or drop {option}")
+    with alone_in(arguments.out) if arguments.out else nullcontext():
+        _compare(arguments)
+
+
+def _compare(arguments: argparse.Namespace) -> None:
+    """Predicts the log by every model, writes what came out and prints it."""
+    words = arguments.models
     source = common_source(words, arguments.scene, arguments.ignore, arguments.contact_law, arguments.self_contact)
     source, data, time, logs, measured, driven = _log(arguments, source)
     gap = arguments.contact_gap or (source.task.contact_gap if source.task else CONTACT_GAP)

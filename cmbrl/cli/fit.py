@@ -122,7 +122,8 @@ def run(arguments: argparse.Namespace) -> int:
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact)
     data = load_logs(arguments.data, source.scene)
     out = Path(arguments.out)
-    check_folder(out, "fit", any((out / name).exists() for name in ("state.json", RESULT)), arguments.resume)
+    check = partial(check_folder, out, "fit", ("state.json", RESULT), arguments.resume)
+    check()
     start = start_values(source.scene, dict(arguments.set))
 
     # imports torch: only now, so that an error above shows at once
@@ -140,6 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
     write_configuration = cache(lambda: write_run(out, "fit", resolved(arguments)))
 
     with alone_in(out), fraction(f"fit {source.scene.name}") as show:
+        check()  # once more: another run may have ended there meanwhile
 
         def progress(done: float, text: str) -> None:
             write_configuration()

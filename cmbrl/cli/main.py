@@ -41,6 +41,7 @@ COMMANDS = {
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs the command line and returns the exit code: 0 done, 2 invalid input, 130 interrupted."""
+    _open_streams()
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _once()
@@ -73,6 +74,20 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
 
 
+def _open_streams() -> None:
+    """Lets standard streams that the caller has closed (`cmbrl info hopper >&-`) lead nowhere.
+
+    Python has none then, and the next file that is opened would take their place.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+    sys.stdout = sys.stdout or os.fdopen(1, "w")
+    sys.stderr = sys.stderr or os.fdopen(2, "w")
+
+
 def _once() -> Callable[..., None]:
     """Shows a warning as one line, without the line of source; the same one once."""
     shown = set()
@@ -94,6 +109,10 @@ def _dispatch(arguments: Sequence[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UserError(f"unknown command {name!r}: {did_you_mean(name, COMMANDS)}")
+    try:
+        os.getcwd()
+    except FileNotFoundError:  # torch would end the process
+        raise UserError("the folder that you are in has been removed: change to one that is there") from None
     given = parser_of(name).parse(chosen.arguments)
     with _trusting() if getattr(given, "trust_log", False) else nullcontext():
         return _module(name).run(given) or 0

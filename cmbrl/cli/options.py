@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 
 from cmbrl.cli.argument_types import seed, threads
@@ -13,9 +14,13 @@ EXIT_INTERRUPTED = 130  #: exit code after Ctrl-C
 MODEL_HELP = "nominal (the task's scene as in its file), or the folder of a fit or an ensemble"
 
 
-def check_folder(out: Path, command: str, holds_run: bool, resume: bool) -> None:
-    """Raises UserError unless ``out`` can take a new run of ``command``, or holds the one to resume."""
+def check_folder(out: Path, command: str, signs: Sequence[str], resume: bool) -> None:
+    """Raises UserError unless ``out`` can take a new run of ``command``, or holds the one to resume.
+
+    ``signs``: files of which a folder with a run has one.
+    """
     check_run_folder(out, command)
+    holds_run = any((out / name).exists() for name in signs)
     if holds_run and not resume:
         raise UserError(f"{out}: already holds a run: resume it with --resume, or choose another --out")
     if resume and not holds_run:

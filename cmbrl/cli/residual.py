@@ -15,7 +15,7 @@ from cmbrl.errors import UserError
 from cmbrl.files import atomic_path
 from cmbrl.models.named import RESULT, SETTINGS, holds_fit
 from cmbrl.models.source import load_logs
-from cmbrl.runs import usable_cores, write_run
+from cmbrl.runs import alone_in, usable_cores, write_run
 
 EXAMPLE = """
 cmbrl residual runs/fit --data log.npz --out runs/residual
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> None:
     folder, out = Path(arguments.fit), Path(arguments.out)
     if not holds_fit(folder):
         raise UserError(f"{folder}: contains no fit ({SETTINGS}): give the folder of one, made by cmbrl fit")
-    check_folder(out, "residual", (out / RESULT).exists(), resume=False)
+    check_folder(out, "residual", (RESULT,), resume=False)
 
     from cmbrl.fitting import FitResult
     from cmbrl.fitting.learn_residual import fit_residual
@@ -64,25 +64,27 @@ def run(arguments: argparse.Namespace) -> None:
     fitted = FitResult.load(folder)
     model = fitted.model.with_settings(threads=arguments.threads or usable_cores())
     data = load_logs(arguments.data, model.scene)
-    with fraction(f"residual {model.scene.name}") as show:
-        learned, report = fit_residual(
-            replace(fitted, model=model),
-            data,
-            arguments.seed,
-            arguments.horizon,
-            arguments.hidden,
-            arguments.updates,
-            show,
-        )
-    told = asdict(report)
-    write_run(out, "residual", resolved(arguments))
-    learned.save(out)
-    with (
-        atomic_path(out / REPORT) as written,
-        atomic_path(out / SETTINGS) as settings,
-        atomic_path(out / RESULT) as result,  # appears last: a model is whole once it is there
-    ):
-        written.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
-        settings.write_bytes((folder / SETTINGS).read_bytes())
-        result.write_bytes((folder / RESULT).read_bytes())
+    with alone_in(out):
+        check_folder(out, "residual", (RESULT,), resume=False)  # another run may have ended there meanwhile
+        with fraction(f"residual {model.scene.name}") as show:
+            learned, report = fit_residual(
+                replace(fitted, model=model),
+                data,
+                arguments.seed,
+                arguments.horizon,
+                arguments.hidden,
+                arguments.updates,
+                show,
+            )
+        told = asdict(report)
+        write_run(out, "residual", resolved(arguments))
+        learned.save(out)
+        with (
+            atomic_path(out / REPORT) as written,
+            atomic_path(out / SETTINGS) as settings,
+            atomic_path(out / RESULT) as result,  # appears last: a model is whole once it is there
+        ):
+            written.write_text(json.dumps(told, indent=2) + "\n", encoding="utf-8")
+            settings.write_bytes((folder / SETTINGS).read_bytes())
+            result.write_bytes((folder / RESULT).read_bytes())
     print(json.dumps(told, indent=2) if arguments.json else f"{out}: {report.text()}")

@@ -250,7 +250,7 @@ def _check_resumed(out: Path, resume: bool, wanted: dict[str, Any]) -> None:
     """Raises UserError unless ``out`` is free, or holds a run of the same options that is to be resumed."""
     from cmbrl.train.running.run import CHECKPOINT
 
-    check_folder(out, "train", (out / CHECKPOINT).exists(), resume)
+    check_folder(out, "train", (CHECKPOINT,), resume)
     if not resume:
         return
     held = read_json(out / CONFIGURATION)

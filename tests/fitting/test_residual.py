@@ -16,6 +16,7 @@ from cmbrl.fitting import FitResult
 from cmbrl.fitting.learn_residual import fit_residual
 from cmbrl.models.named import saved_model
 from cmbrl.models.residual import ResidualModel
+from cmbrl.runs import alone_in
 from cmbrl.train.algorithms import ALGORITHMS
 from cmbrl.train.models import kind_of
 
@@ -143,6 +144,9 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     _log(model, DRAG).save(data)
     fit, out = str(tmp_path / "fit"), str(tmp_path / "residual")
     assert main(["fit", robot, "--data", data, "--out", fit, "--groups", "damping", "--threads", "1"]) == 0
+    with alone_in(out):
+        assert main(["residual", fit, "--data", data, "--out", out]) == 2
+    assert "another run is at work" in capsys.readouterr().err
     assert main(["residual", fit, "--data", data, "--out", out, "--updates", "200", "--threads", "1"]) == 0
     assert "with the residual" in capsys.readouterr().out
     loaded = saved_model(out)

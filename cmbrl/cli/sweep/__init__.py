@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from cmbrl.cli.sweep.slurm import slurm
 from cmbrl.errors import UserError
 from cmbrl.files import check_writable, write_json, write_text
 from cmbrl.jobs import Job, Runner
-from cmbrl.runs import environment, usable_cores
+from cmbrl.runs import alone_in, environment, usable_cores
 
 EXAMPLE = """
 cmbrl sweep configs/hopper_loop.yaml --seeds 0:10
@@ -61,8 +62,6 @@ def run(arguments: argparse.Namespace) -> int:
     config = Path(arguments.sweep)
     out = Path(arguments.out or f"runs/{config.stem}-seeds")
     plan = Plan.read(config, arguments.seeds, arguments.arm)
-    folders = [out / arm.folder for arm in plan.arms if arm.name]
-    made = [place for place in (*folders, out / "seeds", out, *out.parents) if not place.exists()]
     single = len(plan.arms) == 1 and not plan.arms[0].name
     array = slurm(plan.command, config, plan.arms[0].seeds, out) if single else ""
     if arguments.slurm and not single:
@@ -72,24 +71,27 @@ def run(arguments: argparse.Namespace) -> int:
         print(array)
         return 0
     check_writable(out, folder=True)
-    with fraction(f"sweep {config.stem}") as progress:
-        runner = Runner(
-            out / "seeds", arguments.jobs or usable_cores(), arguments.backend, arguments.accept, progress=progress
-        )
-        try:
-            values = iter(runner.run(jobs, "run"))
-        except UserError:
-            remove_empty(made)
-            raise
-    results = {arm.name: [next(values) for _ in arm.seeds] for arm in plan.arms}
-    summary = _summary(plan, results)
-    write_json(out / "sweep.json", {**summary, "environment": environment()})
-    told = report.text(plan, results)
-    if single:
-        write_text(out / "slurm.sh", array + "\n")
-    else:
-        write_text(out / "report.txt", told + "\n")
-        report.plot(plan, results, out / "curves.png")
+    with ExitStack() as alone:
+        for arm in plan.arms:  # other arms may run beside it
+            alone.enter_context(alone_in(out / arm.folder))
+        with fraction(f"sweep {config.stem}") as progress:
+            runner = Runner(
+                out / "seeds", arguments.jobs or usable_cores(), arguments.backend, arguments.accept, progress=progress
+            )
+            try:
+                values = iter(runner.run(jobs, "run"))
+            except UserError:
+                remove_empty([runner.folder])
+                raise
+        results = {arm.name: [next(values) for _ in arm.seeds] for arm in plan.arms}
+        summary = _summary(plan, results)
+        write_json(out / "sweep.json", {**summary, "environment": environment()})
+        told = report.text(plan, results)
+        if single:
+            write_text(out / "slurm.sh", array + "\n")
+        else:
+            write_text(out / "report.txt", told + "\n")
+            report.plot(plan, results, out / "curves.png")
     if arguments.json:
         print(json.dumps(summary, indent=2))
     else:
