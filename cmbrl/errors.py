@@ -1,9 +1,11 @@
-"""The exception for errors that the user can fix, and a helper that suggests the intended name."""
+"""The exception for errors that the user can fix, and helpers for what it says: the intended name, and the place."""
 
 from __future__ import annotations
 
 import difflib
+import traceback
 from collections.abc import Iterable
+from pathlib import Path
 
 LONGEST = 300  #: characters of one word (a path, a number) in a message
 MOST = 40  #: names that a message lists
@@ -24,6 +26,16 @@ def _readable(word: str) -> str:
     if len(word) > LONGEST:
         word = f"{word[: LONGEST // 2]}...{word[-LONGEST // 4 :]}"
     return word if word.isprintable() else word.encode("unicode_escape", errors="replace").decode()
+
+
+def failure(error: Exception) -> str:
+    """An error of foreign code in a few words, with the innermost place that is neither ours nor a library's."""
+    libraries = [Path(file).parent for file in (__file__, traceback.__file__)]
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename.endswith(".py")]
+    own = [f for f in frames if not any(Path(f.filename).is_relative_to(folder) for folder in libraries)]
+    own = [f for f in own if "site-packages" not in f.filename]
+    place = f" in {own[-1].filename}, line {own[-1].lineno}" if own else ""
+    return f"{type(error).__name__}: {error}{place}"
 
 
 class MissingPackage(UserError):

@@ -32,7 +32,7 @@ from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cmbrl.errors import UserError, did_you_mean
+from cmbrl.errors import UserError, did_you_mean, failure
 from cmbrl.task_folder import open_folder
 
 if TYPE_CHECKING:
@@ -237,7 +237,8 @@ def load_task(name: str) -> Task:
         task: Any = installed[name].load()
     except Exception as error:  # a task is foreign code: whatever it raises, say which task
         place = installed[name].value
-        raise UserError(f"task {name!r} cannot be loaded from {place} ({error!r}): fix or uninstall it") from error
+        why = f"cannot be loaded from {place} ({failure(error)})"
+        raise UserError(f"task {name!r} {why}: fix or uninstall it") from error
     if not isinstance(task, Task):
         raise UserError(
             f"task {name!r}: {installed[name].value} is not a cmbrl.registry.Task: point to the Task object"
@@ -259,7 +260,7 @@ def _of_file(path: Path) -> Task:
     except UserError as error:
         raise UserError(f"{path}: {error}") from error
     except Exception as error:  # foreign code
-        raise UserError(f"{path}: cannot be loaded ({error!r}): mend it") from error
+        raise UserError(f"{path}: cannot be loaded ({failure(error)}): mend it") from error
     task = getattr(module, "TASK", None)
     if not isinstance(task, Task):
         raise UserError(f"{path}: defines no cmbrl.registry.Task called TASK: add one")

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import traceback
 import warnings
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 
-import cmbrl
-from cmbrl.errors import UserError
+from cmbrl.errors import UserError, failure
 from cmbrl.mdp import MDP
 from cmbrl.numbers import real, whole
 
@@ -126,15 +123,6 @@ def _kind(found: Any) -> str:
     if found is None or isinstance(found, Tensor):
         return "None" if found is None else "a tensor"
     return f"{type(found).__module__}.{type(found).__name__}".removeprefix("builtins.")
-
-
-def failure(error: Exception) -> str:
-    """An error of foreign code in a few words, with the innermost place that is neither ours nor a library's."""
-    ours = Path(cmbrl.__file__).parent
-    frames = traceback.extract_tb(error.__traceback__)
-    own = [f for f in frames if "site-packages" not in f.filename and not Path(f.filename).is_relative_to(ours)]
-    place = f" in {own[-1].filename}, line {own[-1].lineno}" if own else ""
-    return f"{type(error).__name__}: {error}{place}"
 
 
 def _warn_of_other_chance(first: tuple[Tensor, Tensor], second: tuple[Tensor, Tensor], label: str) -> None:

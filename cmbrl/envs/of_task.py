@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cmbrl.errors import UserError
+from cmbrl.errors import UserError, failure
 from cmbrl.registry import load_task, names
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def decision_process(task: Task) -> MDP:
 
     if task.mdp is None:
         raise UserError(f"task {task.name!r} has no reward (Task.mdp); tasks with one: {_with_one() or 'none'}")
-    mdp = task.mdp()
+    mdp = made_process(task.mdp, f"task {task.name!r}: Task.mdp")
     check_numbers(mdp, f"task {task.name!r}")
     if abs(mdp.dt / mdp.repeat - task.control_dt) > 1e-6 * task.control_dt:
         raise UserError(
@@ -42,9 +43,26 @@ def decision_process(task: Task) -> MDP:
     return mdp
 
 
+def made_process(make: Callable[[], MDP], what: str) -> MDP:
+    """What ``make`` gives; raises UserError, which begins with ``what``, where that fails or is no process."""
+    from cmbrl.mdp import MDP
+
+    if not callable(make):
+        raise UserError(f"{what} is no function: give the function that makes the MDP")
+    try:
+        mdp = make()
+    except UserError:
+        raise
+    except Exception as error:  # foreign code
+        raise UserError(f"{what} fails ({failure(error)}): mend it") from error
+    if not isinstance(mdp, MDP):
+        raise UserError(f"{what} gives {type(mdp).__name__}: return a cmbrl.mdp.MDP")
+    return mdp
+
+
 def trial_process(task: Task) -> MDP:
     """The process in which a policy of the task is judged: the task's own, unless evaluations start differently."""
-    return decision_process(task) if task.trial is None else task.trial()
+    return decision_process(task) if task.trial is None else made_process(task.trial, f"task {task.name!r}: Task.trial")
 
 
 def task_for(name: str, motion: str | Path | None, contact_law: str | None = None, sliding: str | None = None) -> Task:
@@ -92,8 +110,6 @@ def real_system(task: Task) -> SystemFactory:
 
     Raises UserError if it has none, and, when that is made, for one that cannot be made or has another control step.
     """
-    from cmbrl.envs.checked import failure
-
     make = task.system
     if make is None:
         raise UserError(f"task {task.name!r} has no real system (Task.system): use --model")

@@ -113,6 +113,19 @@ def test_what_a_process_returns_is_checked(changes: dict[str, object], says: str
         decision_process(task(**changes))
 
 
+@pytest.mark.parametrize(
+    ("mdp", "says"),
+    [
+        (process(), "is no function: give the function that makes the MDP"),
+        (lambda: None, "gives NoneType: return a cmbrl.mdp.MDP"),
+        (lambda: process(episode_step=3), r"fails \(TypeError: .*'episode_step' in .*test_checked.py, line \d+\)"),
+    ],
+)
+def test_what_is_no_process_is_told(mdp: object, says: str) -> None:
+    with pytest.raises(UserError, match=f"task 'slide': Task.mdp {says}"):
+        decision_process(replace(task(), mdp=mdp))
+
+
 def test_rewards_and_observations_without_a_derivative_are_told() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
