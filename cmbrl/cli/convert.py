@@ -86,10 +86,11 @@ def run(arguments: argparse.Namespace) -> None:
 def _held(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:
     from cmbrl.scene.writing.held import held_file
 
-    text = held_file(arguments.file, dict(arguments.hold))
-    scene = _read(text, f"{arguments.file} with these joints held")
-    write_text(arguments.out, text)
-    return scene, [f"held: {', '.join(name for name, _ in arguments.hold)}"]
+    held = held_file(arguments.file, dict(arguments.hold))
+    scene = _read(held.text, f"{arguments.file} with these joints held")
+    write_text(arguments.out, held.text)
+    lifted = [f"lifted by {way:.3g} m, out of reach of the ground: {name}" for name, way in held.lifted.items()]
+    return scene, [f"held: {', '.join(name for name, _ in arguments.hold)}", *lifted]
 
 
 def _played(arguments: argparse.Namespace) -> tuple[Scene, list[str]]:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from cmbrl.cli.main import main
+from cmbrl.data.plausible.grounded import in_ground
 from cmbrl.errors import UserError
 from cmbrl.scene import Scene
 from cmbrl.scene.writing.held import held_file, holding
@@ -37,7 +38,7 @@ def arm(tmp_path: Path) -> Path:
 
 
 def test_what_still_moves_moves_as_with_joints_at_those_values(arm: Path) -> None:
-    full, held = mujoco.MjModel.from_xml_string(ARM), mujoco.MjModel.from_xml_string(held_file(arm, FINGERS))
+    full, held = mujoco.MjModel.from_xml_string(ARM), mujoco.MjModel.from_xml_string(held_file(arm, FINGERS).text)
     assert (held.nq, held.nu, held.ntendon, held.neq, held.nsensor) == (2, 1, 0, 0, 1)
     np.testing.assert_array_equal(held.key_qpos, [[0.1, 0.2]])
     np.testing.assert_array_equal(held.key_ctrl, [[4.0]])
@@ -58,7 +59,7 @@ def test_what_has_no_name_is_told_apart(tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     other = "<fixed><joint joint='shoulder' coef='1'/></fixed><fixed><joint joint='left' coef='1'/></fixed>"
     path.write_text(ARM.replace("</tendon>", f"{other}</tendon>"))
-    held = mujoco.MjModel.from_xml_string(held_file(path, FINGERS))
+    held = mujoco.MjModel.from_xml_string(held_file(path, FINGERS).text)
     assert held.ntendon == 1
     assert held.wrap_objid[0] == held.joint("shoulder").id
 
@@ -73,7 +74,7 @@ def test_what_has_no_name_is_told_apart(tmp_path: Path) -> None:
 )
 def test_one_line_says_what_cannot_be_held(arm: Path, joints: dict[str, float | None], said: str) -> None:
     with pytest.raises(UserError, match=re.escape(said)):
-        Scene.from_mjcf(held_file(arm, joints))
+        Scene.from_mjcf(held_file(arm, joints).text)
 
 
 def test_the_command_writes_a_file_that_loads(arm: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -94,14 +95,14 @@ def test_a_base_without_a_name_is_held_by_the_name_that_reports_give_it(arm: Pat
         .replace("<keyframe><key name='home' qpos='.1 .2 .01 .02' ctrl='3 4'/></keyframe>", "")
     )
     name = Scene.from_mjcf(floating).joint_names[0]
-    held = mujoco.MjModel.from_xml_string(held_file(floating, {name: None}))
+    held = mujoco.MjModel.from_xml_string(held_file(floating, {name: None}).text)
     assert (held.nq, held.joint(0).name) == (3, "roll")
     with pytest.raises(UserError, match=f"no joint 'base'.*{name}"):
         held_file(floating, {"base": None})
 
 
 def test_patterns_of_joints(arm: Path) -> None:
-    both = mujoco.MjModel.from_xml_string(held_file(arm, {"[lr]*t": None}))
+    both = mujoco.MjModel.from_xml_string(held_file(arm, {"[lr]*t": None}).text)
     assert [both.joint(k).name for k in range(both.njnt)] == ["shoulder", "roll"]
     wheels = [f"caster_{k}" for k in range(9)]
     assert holding(wheels, ["arm", *wheels]) == "--hold 'caster_*'"
@@ -115,7 +116,7 @@ def test_motors_without_a_name_keep_that_of_their_joint(tmp_path: Path) -> None:
     motors = "<motor joint='near'/><motor joint='far'/><velocity joint='far'/>"
     path = tmp_path / "bare.xml"
     path.write_text(f"<mujoco><worldbody>{joints}</worldbody><actuator>{motors}</actuator></mujoco>")
-    (tmp_path / "held.xml").write_text(held_file(path, {"near": None}))
+    (tmp_path / "held.xml").write_text(held_file(path, {"near": None}).text)
     assert Scene.from_mjcf(tmp_path / "held.xml").actuator_names == ("far", "unnamed_actuator_2")
 
 
@@ -142,7 +143,25 @@ UNFILTERED = "<option><flag filterparent='disable'/></option>"
 def test_a_held_root_touches_what_it_touches_while_it_is_free(tmp_path: Path, more: str) -> None:
     path = tmp_path / "robot.xml"
     path.write_text(OVERLAPPING.format(more))
-    held = held_file(path, {"root": None})
+    held = held_file(path, {"root": None}).text
     assert contacts(held) == contacts(path.read_text())
     assert frozenset(("trunk", "thigh")) in contacts(held)  # no neighbours: they touch as before
     assert mujoco.MjModel.from_xml_string(held).nexclude == (0 if more == UNFILTERED else 2)
+
+
+def test_a_held_base_hangs_above_the_ground(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With its leg down; a log of that leg on the base where the file has it is in the ground."""
+    standing, path, out = (
+        OVERLAPPING.format("").replace("0 0 -2", "0 0 -.1"),
+        tmp_path / "robot.xml",
+        tmp_path / "h.xml",
+    )
+    path.write_text(standing)
+    assert main(["convert", str(path), str(out), "--hold", "root"]) == 0
+    assert "lifted by 0.524 m, out of reach of the ground: trunk" in capsys.readouterr().out
+    swings = np.linspace(-3.0, 3.0, 50)[:, None] * [1.0, 0.5]
+    assert list(in_ground(swings, Scene.from_mjcf(out))) == []
+    path.write_text(standing.replace("<freejoint name='root'/>", ""))
+    (finding,) = in_ground(0.2 * swings, Scene.from_mjcf(path))
+    assert finding.sure
+    assert re.match(r"\S+ gets 0\.\d+ m into .* and something of the robot is in it in 100 % of the log", finding.text)

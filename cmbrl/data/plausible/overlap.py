@@ -17,6 +17,7 @@ import numpy as np
 
 from cmbrl.data.fields import Fields
 from cmbrl.data.plausible.finding import Finding
+from cmbrl.data.plausible.grounded import in_ground
 from cmbrl.errors import UserError
 from cmbrl.scene.collision.contact_records import ON_PLANE
 from cmbrl.scene.collision.near import touching
@@ -33,16 +34,18 @@ _TURN, _SHIFT = 0.05, 5e-3  # [rad], [m]: motion between two links that a contac
 
 
 def of_transitions(log: Fields, scene: Scene) -> Iterator[Finding]:
-    """Of a log of states."""
+    """Of a log of states; those of links in the ground as well."""
     yield from between_links(log["q"], scene)
+    yield from in_ground(log["q"], scene)
 
 
 def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
-    """Of a position log; where the base is does not matter."""
+    """Of a position log; where a floating base is does not matter."""
     address = {joint.vadr: joint.qadr for joint in scene.joints}
     q = np.tile(scene.q0, (len(log), 1))
     q[:, [address[place] for place in log.coordinates(scene).tolist()]] = log.position
     yield from between_links(q, scene)
+    yield from in_ground(q, scene)
 
 
 def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:

@@ -4,7 +4,8 @@ What hangs on a held joint alone goes with it: its motor, its tendon, its sensor
 move. What ties it to a joint that still moves is refused, since then the joint would have to be held as well.
 
 MuJoCo lets a body and its parent pass through each other, unless the parent cannot move. A held root would push its
-links away, where shapes overlap at the joints: such pairs are excluded, as they are while the root is free.
+links away, where shapes overlap at the joints: such pairs are excluded, as they are while the root is free. It hangs
+(:mod:`cmbrl.scene.writing.lifted`).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import fnmatch
 import itertools
 import os
 from collections.abc import Container, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import takewhile
 
 import mujoco
@@ -22,6 +24,7 @@ from cmbrl.errors import UserError
 from cmbrl.scene.source.mjcf import controlled, name_of
 from cmbrl.scene.source.robot_source import compile_robot, quiet
 from cmbrl.scene.writing.fitted_file import fix_paths
+from cmbrl.scene.writing.lifted import lifts
 from cmbrl.text import did_you_mean
 
 _JOINT, _TENDON, _ACTUATOR = (
@@ -36,12 +39,21 @@ _WRAP = mujoco.mjtWrap.mjWRAP_JOINT
 _BETWEEN_BODIES = (int(mujoco.mjtEq.mjEQ_CONNECT), int(mujoco.mjtEq.mjEQ_WELD))
 
 
-def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) -> str:
-    """The text of the MJCF ``path`` without ``joints``, each held at a value [rad, m], or where the file has it.
+@dataclass(frozen=True)
+class Held:
+    """The ``text`` of an MJCF, and by body how far [m] bases that float in the robot's own file were lifted in it."""
 
-    They are names, or patterns of several, as ``caster_*``.
-    Paths of meshes become absolute. Raises UserError for an unknown joint, a value of a ball or free joint, one of two
-    joints of a body moved away from where the file has it, or a tendon or coupling with a joint that is not held.
+    text: str
+    lifted: Mapping[str, float]
+
+
+def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) -> Held:
+    """The MJCF ``path`` without ``joints``, each held at a value [rad, m], or where the file has it.
+
+    They are names, or patterns of several, as ``caster_*``. Floating bases are held above where anything of them may
+    reach the ground. Paths of meshes become absolute. Raises UserError for an unknown joint, a value of a ball or free
+    joint, one of two joints of a body moved away from where the file has it, or a tendon or coupling with a joint that
+    is not held.
     """
     compiled = compile_robot(path)
     if compiled.notes:
@@ -65,11 +77,14 @@ def held_file(path: str | os.PathLike[str], joints: Mapping[str, float | None]) 
             spec = mujoco.MjSpec.from_string(spec.to_xml())  # its frames and defaults are resolved
             model = spec.compile()
             _place(spec, model, joints, str(path))
+            ways = lifts(model, joints)
+            for name, way in ways.items():
+                spec.body(name).pos += way
             _remove(spec, model, set(joints), str(path))
             _untie(spec)
             _keep_apart(spec, model)
             spec.compile()
-            return str(spec.to_xml())
+            return Held(str(spec.to_xml()), {name: float(np.linalg.norm(way)) for name, way in ways.items()})
         except UserError:
             raise
         except (ValueError, mujoco.FatalError) as error:
