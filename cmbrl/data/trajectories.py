@@ -24,7 +24,8 @@ def read_trajectories(
         lengths: (E,) rows of each trajectory, summing to M.
         dt: time between two rows [s].
         v: (M, nv) velocities. Default: backward differences, ``v[k+1] = (q[k+1] - q[k]) / dt``, which match a
-            semi-implicit step ``q' = q + dt v'``; the first row of a trajectory then only serves the second.
+            semi-implicit step ``q' = q + dt v'``; of a robot, and of shorter steps, they are half a row late, and a log
+            of positions tells more. The first row of a trajectory then only serves the second.
         u: (M, nu) controls, row k applied from k to k+1. Default: none (nu = 0).
         difference: ``scene.difference``, the tangent vector (nv) from one configuration to another, to find velocities
             if q contains quaternions. Default: the plain difference.

@@ -56,7 +56,18 @@ def test_filtered_velocities_are_left_out(arm: tuple[Path, np.ndarray, np.ndarra
     assert isinstance(kept.log, Transitions)
 
 
-@pytest.mark.parametrize("kind", ["true", "noisy", "differences", "slopes of counts"])
+def test_differences_of_positions_are_half_a_row_late(
+    arm: tuple[Path, np.ndarray, np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    differences = np.vstack([arm[3][:1], np.diff(arm[2], axis=0) / DT])
+    found = imported(tmp_path, arm, differences)
+    assert isinstance(found.log, PositionLog)
+    assert any("and 2 more lag their positions by 2 ms" in note for note in found.notes)
+    with pytest.warns(UserWarning, match="lag their positions by 2 ms"):
+        Transitions.check(imported(tmp_path, arm, differences, kind="transitions").log, Scene.from_mjcf(arm[0]))
+
+
+@pytest.mark.parametrize("kind", ["true", "noisy", "slopes of counts"])
 def test_others_are_kept(kind: str, arm: tuple[Path, np.ndarray, np.ndarray, np.ndarray], tmp_path: Path) -> None:
     q, v = arm[2:]
     rng = np.random.default_rng(1)
@@ -64,7 +75,6 @@ def test_others_are_kept(kind: str, arm: tuple[Path, np.ndarray, np.ndarray, np.
     given = {
         "true": v,
         "noisy": v + 0.05 * rng.standard_normal(v.shape),
-        "differences": np.vstack([v[:1], np.diff(q, axis=0) / DT]),
         "slopes of counts": np.gradient(count * np.round(q / count), DT, axis=0),
     }[kind]
     found = imported(tmp_path, arm, given)
@@ -73,7 +83,8 @@ def test_others_are_kept(kind: str, arm: tuple[Path, np.ndarray, np.ndarray, np.
 
 def test_rest_and_other_rates_tell_no_lag(arm: tuple[Path, np.ndarray, np.ndarray, np.ndarray]) -> None:
     q, v = arm[2][:, 0], arm[3][:, 0]
-    assert lag([(q, v)], DT) == 0.0
-    assert lag([(np.zeros(ROWS), np.zeros(ROWS))], DT) is None
-    assert lag([(q[:100], v[:100])], DT) is None
-    assert lag([(q, 3.0 * v)], DT) == 0.0
+    assert lag([(q, v)], DT, DT) == 0.0
+    assert lag([(np.zeros(ROWS), np.zeros(ROWS))], DT, DT) is None
+    assert lag([(q[:100], v[:100])], DT, DT) is None
+    assert lag([(q, 3.0 * v)], DT, DT) == 0.0
+    assert lag([(q[1:], np.diff(q) / DT)], DT, DT) == 0.0, "by one step of the model, they are its velocities"

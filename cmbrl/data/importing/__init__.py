@@ -94,8 +94,8 @@ def import_logs(paths: Sequence[str | os.PathLike[str]], scene: Scene, options: 
     if late and build.one_base(scene) and Commanded.of(keys, scene):
         kind = "positions"
         columns.append(
-            f"velocities of {late}, as a driver's filter makes them: the log has positions and commands alone; --as "
-            "transitions keeps velocities"
+            f"velocities of {late}, as a driver's filter or differences of positions do: the log has positions and "
+            "commands alone; --as transitions keeps velocities"
         )
     columns = [*kept.columns_told(read_as, keys, kind, scene, without), *columns]
     sizes = f"{counted(len(episodes), 'episode')} from {counted(len(paths), 'file')}"

@@ -56,7 +56,7 @@ def lagging(episodes: Sequence[Mapping[tuple[str, str], np.ndarray]], dt: float,
     named = [joint.name for joint in joints_of(scene)[0]]
     known = [name for name in named if all((name, x) in episodes[0] for x in ("position", "velocity"))]
     parts = {name: [(one[name, "position"][:, 0], one[name, "velocity"][:, 0]) for one in episodes] for name in known}
-    return told([(repr(name), lag(parts[name], dt)) for name in known])
+    return told([(repr(name), lag(parts[name], dt, scene.timestep)) for name in known])
 
 
 def check_frame(

@@ -1,4 +1,4 @@
-"""Velocities that are later than their positions: a driver has filtered them, and not the encoders.
+"""Velocities that are later than their positions: a driver has filtered them, or they are differences of positions.
 
 A filter of first order gives v + lag dv/dt = dq/dt, and what comes late by less than motion changes in is the same to
 first order. Over a span from a to b that is
@@ -7,6 +7,9 @@ first order. Over a span from a to b that is
 
 a regression of what positions move more than velocities tell on what velocities change by. Noise of velocities, white
 or not, leaves the slope, or makes it smaller.
+
+Differences of neighbouring positions are those of the middle between them, so half a row late. Steps of the model are
+semi-implicit: where one of them makes a row, that is what they go by.
 """
 
 from __future__ import annotations
@@ -20,7 +23,8 @@ from cmbrl.data.plausible.motion import Motion
 from cmbrl.data.plausible.still import MEANT
 
 _SPAN = 0.1  # [s] of motion over which a lag shows
-_SAMPLES, _LEAST = 1.5, 4e-3  # time steps, s: drivers that difference positions are half a step late; less is as noise
+_SAMPLES, _LEAST = 1.5, 4e-3  # time steps, s: what is late by less is as noise
+_ALIKE, _OFTEN = 1e-4, 0.9  # of how far positions move in a row: rounding of differences; share of the rows
 _EXPLAINED = 0.5  # of what positions and velocities disagree by
 _ROWS, _MOST = 200, 20000  # that tell a lag; that are looked at
 _SHARE = 0.5  # of the joints that move
@@ -28,11 +32,16 @@ _SHARE = 0.5  # of the joints that move
 Part = tuple[np.ndarray, np.ndarray]  #: positions (T,) and velocities (T,) without a gap
 
 
-def lag(parts: Iterable[Part], dt: float) -> float | None:
-    """By how much [s] velocities are later than positions; 0 where they are not, None where that does not show."""
+def lag(parts: Iterable[Part], dt: float, step: float) -> float | None:
+    """By how much [s] velocities are later than positions; 0 where they are not, None where that does not show.
+
+    ``dt``: from row to row; ``step``: of the model [s].
+    """
     span = max(2, round(_SPAN / dt))
-    more, change, moves = [], [], 0.0
+    more, change, moves, apart, moved = [], [], 0.0, [], []
     for q, v in parts:
+        moved.append(np.diff(q))
+        apart.append(np.abs(moved[-1] - dt * v[1:]))
         if len(q) <= span:
             continue
         travelled = np.concatenate([[0.0], np.cumsum(0.5 * dt * (v[1:] + v[:-1]))])
@@ -43,6 +52,8 @@ def lag(parts: Iterable[Part], dt: float) -> float | None:
     square = float(x @ x)
     if len(y) < _ROWS or moves < MEANT or square == 0.0:
         return None
+    if np.quantile(np.concatenate(apart), _OFTEN) <= _ALIKE * np.concatenate(moved).std():
+        return 0.5 * (dt - step) if dt > 1.5 * step else 0.0
     y, x = y - y.mean(), x - x.mean()
     slope = float(x @ y) / max(float(x @ x), 1e-300)
     rest = y - slope * x
@@ -69,10 +80,10 @@ def late(motion: Motion) -> Iterator[Finding]:
     for k, coordinate in enumerate(motion.coordinates):
         q = np.cumsum(np.concatenate([[0.0], motion.change[:-1, k]]))  # without whole turns; wrong across gaps only
         parts = [(q[block], v[block, k]) for block in motion.blocks]
-        lags.append((repr(coordinate.name), lag(parts, motion.dt)))
+        lags.append((repr(coordinate.name), lag(parts, motion.dt, motion.step)))
     if text := told(lags):
         yield Finding(
-            f"v of joints {text}, as a driver's filter makes them, and a fit takes both for those of one moment: give "
-            "`cmbrl import` --as positions",
+            f"v of joints {text}, as a driver's filter or differences of positions do, and a fit takes both for those "
+            "of one moment (and finds commands late): give `cmbrl import` --as positions",
             sure=False,
         )

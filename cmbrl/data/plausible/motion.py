@@ -73,6 +73,7 @@ class Motion:
     kind: str  #: "q" or "joint_position": how the log calls positions
     command: str  #: how it calls commands
     stands: bool = False  #: on what it touches: a base that nothing holds
+    step: float = 0.0  #: [s] of the file
 
     @cached_property
     def change(self) -> np.ndarray:
@@ -175,7 +176,7 @@ def of_transitions(log: Fields, scene: Scene) -> Motion:
     return Motion(
         dt=log["dt"], coordinates=coordinates, now=log["q"][:, q], after=log["q_next"][:, q],
         v_now=log["v"][:, v], v_after=log["v_next"][:, v], drivers=drivers, u=log["u"][:, used],
-        blocks=between(~follows(log)), kind="q", command="u", stands=_stands(scene),
+        blocks=between(~follows(log)), kind="q", command="u", stands=_stands(scene), step=scene.timestep,
     )  # fmt: skip
 
 
