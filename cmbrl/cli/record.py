@@ -60,5 +60,5 @@ def run(arguments: argparse.Namespace) -> None:
         summary = {"task": task.name, "file": arguments.out, "transitions": len(data), "episodes": data.n_episodes}
         print(json.dumps({**summary, "dt": data.dt, "source": data.source}, indent=2))
     else:
-        counted = f"{len(data)} transitions of {arguments.task}, {data.n_episodes} episodes"
-        print(f"{arguments.out}: {counted}, dt {data.dt:g} s")
+        size = f"{len(data)} transitions of {arguments.task}, {data.n_episodes} episodes"
+        print(f"{arguments.out}: {size}, dt {data.dt:g} s")
