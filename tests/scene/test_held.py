@@ -165,3 +165,5 @@ def test_a_held_base_hangs_above_the_ground(tmp_path: Path, capsys: pytest.Captu
     (finding,) = in_ground(0.2 * swings, Scene.from_mjcf(path))
     assert finding.sure
     assert re.match(r"\S+ gets 0\.\d+ m into .* and something of the robot is in it in 100 % of the log", finding.text)
+    path.write_text(standing.replace("<freejoint name='root'/>", "<joint type='slide' axis='0 0 1'/>"))
+    assert list(in_ground(np.column_stack([0.0 * swings[:, 0], swings]), Scene.from_mjcf(path))) == []  # it is measured

@@ -12,7 +12,7 @@ import numpy as np
 
 from cmbrl.data.plausible.finding import Finding
 from cmbrl.scene.collision.contact_records import ON_PLANE
-from cmbrl.scene.records import JointKind
+from cmbrl.scene.records import WORLD, JointKind
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -25,7 +25,7 @@ _OFTEN, _MOSTLY = 0.1, 0.5  # of the poses
 def in_ground(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
     """At most one finding, of poses ``q`` (N, nq); none of robots whose base floats, since its place is measured."""
     planes = np.flatnonzero(np.isin(scene.core.con_type, [int(kind) for kind in ON_PLANE]))
-    if not len(q) or not len(planes) or any(joint.kind == JointKind.BALL for joint in scene.joints):
+    if not len(q) or not len(planes) or _floats(scene):
         return
     depths = -scene.gaps(q[:: -(-len(q) // _POSES)])[:, planes]
     deepest = depths.max(axis=1)
@@ -38,4 +38,14 @@ def in_ground(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
         f"{100 * (deepest > _DEEP).mean():.0f} % of the log: does the robot hang, or stand on something? Hold it by "
         "`cmbrl convert FILE.xml HELD.xml --hold ROOT`, which lifts it, or take the ground out of the file",
         sure=bool((deepest > _SURELY).mean() > _MOSTLY),
+    )
+
+
+def _floats(scene: Scene) -> bool:
+    """Whether something turns freely, or is carried by slides that nothing drives, as the root of a planar robot is."""
+    driven = set(scene.core.act_line.tolist())
+    return any(
+        joint.kind == JointKind.BALL
+        or (joint.kind == JointKind.SLIDE and scene.core.body_parent[joint.body] == WORLD and joint.vadr not in driven)
+        for joint in scene.joints
     )

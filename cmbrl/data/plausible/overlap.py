@@ -43,9 +43,11 @@ def of_positions(log: PositionLog, scene: Scene) -> Iterator[Finding]:
     """Of a position log; where a floating base is does not matter."""
     address = {joint.vadr: joint.qadr for joint in scene.joints}
     q = np.tile(scene.q0, (len(log), 1))
-    q[:, [address[place] for place in log.coordinates(scene).tolist()]] = log.position
+    told = [address[place] for place in log.coordinates(scene).tolist()]
+    q[:, told] = log.position
     yield from between_links(q, scene)
-    yield from in_ground(q, scene)
+    if len(told) == scene.nq:  # else links that loops carry are not where they are
+        yield from in_ground(q, scene)
 
 
 def between_links(q: np.ndarray, scene: Scene) -> Iterator[Finding]:
