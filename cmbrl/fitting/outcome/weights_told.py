@@ -32,7 +32,7 @@ def beyond_weights(known: Identification, constant: Identification, step: np.nda
 
     And the ``step`` (n,) to where they would lead.
     """
-    more = constant.wide - known.wide
+    more = constant.apart - known.apart  # in one unit of force: how much that is open is known already
     values, vectors = np.linalg.eigh(0.5 * (more + more.T))
     lacking: np.ndarray = (vectors * np.maximum(values, 0.0)) @ vectors.T
     return lacking + np.outer(step, step)
