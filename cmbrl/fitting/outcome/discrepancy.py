@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cmbrl.errors import UserError
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.horizons import LEAST_WINDOWS, judged_over
 from cmbrl.fitting.log.surveyed import Survey
@@ -27,6 +28,7 @@ from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
+from cmbrl.scene.writing.weighed import weighed_at
 
 _STEPPING = 0.5  # share of the mean over other time steppings
 _LEAST_VARIANCE = 1e-12  # of a normalised residual
@@ -71,6 +73,23 @@ class Discrepancy:
         found[np.ix_(columns, columns)] = total
         return found
 
+    def weighed(self, z: np.ndarray, active: np.ndarray) -> tuple[NormalEquations, np.ndarray] | None:
+        """Equations at ``z`` under constant, exact inverse weights, and the step (n,) of the ``active`` to their fit.
+
+        None where masses soften no row, the file cannot be written at ``z`` (``weights_told``), or time is up.
+        """
+        model, columns = self.evidence.model, np.flatnonzero(active)
+        if not (model.scene.core.nweight and len(columns)):
+            return None
+        with suppress(UserError, OutOfTime):
+            self.journal.check_time()
+            scene = weighed_at(model.scene, self.evidence.observation.split(self.evidence.space.theta(z))[0])
+            equations = self._equations(z, None, self.survey.horizon, model.with_settings(scene=scene))
+            step = np.zeros(len(z))
+            step[columns] = self._step(z, columns, equations)
+            return equations, step
+        return None
+
     def _horizons(self) -> list[int]:
         """Horizons that the log has windows of; of positions, those around the own one."""
         own = self.survey.horizon
@@ -80,8 +99,9 @@ class Discrepancy:
         return [h for h, count in windows.items() if count >= LEAST_WINDOWS or h == own]
 
     def _equations(
-        self, z: np.ndarray, active: np.ndarray, horizon: int, model: ComplementarityModel | None = None
+        self, z: np.ndarray, active: np.ndarray | None, horizon: int, model: ComplementarityModel | None = None
     ) -> NormalEquations:
+        """At ``z`` in the columns ``active`` (n,); None: in all, with the root of their hessian."""
         evidence, theta = self.evidence, self.evidence.space.theta(z)
         starts = draw_starts(evidence.log, horizon, self.rows, self.seed)
         loss = evidence.loss(
@@ -89,7 +109,7 @@ class Discrepancy:
         )
         if model is not None:
             loss = replace(loss, model=model)
-        return loss.settled(theta).normal_equations(evidence.space, z, active)
+        return loss.settled(theta).normal_equations(evidence.space, z, active, rooted=active is None)
 
     def _step(self, z: np.ndarray, columns: np.ndarray, equations: NormalEquations) -> np.ndarray:
         """The Gauss-Newton step of the ``columns``, with the prior."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,11 @@ from cmbrl.fitting.outcome.identify import Identification, identify
 from cmbrl.fitting.outcome.lateness import lateness
 from cmbrl.fitting.outcome.ratios import beside, ratios
 from cmbrl.fitting.outcome.untold_delay import UntoldDelay
+from cmbrl.fitting.outcome.weights_told import beyond_weights, constant
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.search.gauge import common_factors
 from cmbrl.fitting.search.loss import PredictionLoss
-from cmbrl.fitting.search.loss_values import Errors
+from cmbrl.fitting.search.loss_values import Errors, NormalEquations
 from cmbrl.fitting.search.objective import NOT_FINITE
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
@@ -61,7 +63,17 @@ def conclude(
     try:
         lacks, late = discrepancy.covariance(z, active), UntoldDelay.of(space, z, active, equations)
         others = free & ~np.isin(space.groups, [DELAY, LAG])  # of which ``untold_delay`` tells
-        known = identify(space, z, active, equations, lacks, sets, None if late is None else late.covariance, others)
+        beside_late = None if late is None else late.covariance
+
+        def identified(by: NormalEquations, lacking: np.ndarray) -> Identification:
+            return identify(space, z, active, by, lacking, sets, beside_late, others)
+
+        known = identified(equations, lacks)
+        if weighed := discrepancy.weighed(z, active):
+            more = beyond_weights(known, identified(constant(weighed[0], equations), lacks), weighed[1])
+            # Draws keep their own spread: along what the model wrongly knows, they would not explain the log.
+            wider = identified(equations, lacks + more)
+            known = replace(wider, covariance=known.covariance, every=known.every)
     except np.linalg.LinAlgError:  # information so large that the prior is lost in rounding
         raise UserError(NOT_FINITE) from None
     drawn = late if late is not None and late.matters(data.dt) else None

@@ -44,19 +44,27 @@ def fitted_file(scene: Scene, theta: Array, outside: Mapping[str, float] | None 
     ``outside``: fitted values of what is no part of a scene (biases, delay, lag), which no MJCF holds. Raises UserError
     if the scene is not from a file, or MuJoCo cannot write or read it.
     """
+    theta = np.asarray(theta, dtype=float)
+    text, held = written_and_read(scene, theta)
+    missing = [*_missing(scene, theta, held), *(name for name, value in (outside or {}).items() if value)]
+    values = dict(zip((p.name for p in scene.parameters), theta.tolist(), strict=True)) | dict(outside or {})
+    return FittedFile(_with_comment(text, scene, missing, values), tuple(missing))
+
+
+def written_and_read(scene: Scene, theta: Array) -> tuple[str, Scene]:
+    """The text of the file of ``scene`` at parameters ``theta`` (np,), and what it is read as.
+
+    Raises UserError if the scene is not from a file, or MuJoCo cannot write or read it.
+    """
     if not scene.path:
         raise UserError(f"{scene.name} was not read from a file: write its XML to one, and read the scene from there")
     if scene.urdf_changes:
         raise UserError(f"{scene.path}: a URDF takes no fitted values: fit the MJCF that `cmbrl convert` makes of it")
-    theta = np.asarray(theta, dtype=float)
     text = _written(scene, theta)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "fitted.xml"
         path.write_text(text, encoding="utf-8")
-        held = Scene.from_mjcf(path, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact)
-    missing = [*_missing(scene, theta, held), *(name for name, value in (outside or {}).items() if value)]
-    values = dict(zip((p.name for p in scene.parameters), theta.tolist(), strict=True)) | dict(outside or {})
-    return FittedFile(_with_comment(text, scene, missing, values), tuple(missing))
+        return text, Scene.from_mjcf(path, scene.ignore, scene.contact_law, scene.reduce, scene.self_contact)
 
 
 def _written(scene: Scene, theta: Array) -> str:
