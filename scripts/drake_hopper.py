@@ -1,4 +1,4 @@
-"""The hopper with a payload, weak motors and a slippery foot in Drake, for docs/results/README.md: a task file.
+"""The hopper with a payload, weak motors and a slippery foot in Drake, for docs/results/robots.md: a task file.
 
 cmbrl record scripts/drake_hopper.py --steps 1000 --out train.npz
 cmbrl fit scripts/drake_hopper.py --data train.npz --out runs/fit

@@ -7,7 +7,7 @@
     done
 
 The log has 1,000 transitions of about 20 ms under random controls, ten episodes, and no noise. For
-docs/results/README.md; needs gymnasium, and dm_control for names that begin with dm/.
+docs/results/robots.md; needs gymnasium, and dm_control for names that begin with dm/.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Robots of MuJoCo Menagerie that walk: a task file, for docs/results/README.md.
+"""Robots of MuJoCo Menagerie that walk: a task file, for docs/results/robots.md.
 
 SCENE=FOLDER/unitree_g1/scene.xml ROBOT=g1 cmbrl train scripts/walkers.py --algorithm shac --model nominal \
         --iterations 400 --out runs/g1
