@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cmbrl.errors import UserError, failure
 from cmbrl.registry import load_task, names
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from cmbrl.mdp import MDP
     from cmbrl.registry import Task
     from cmbrl.system import System, SystemFactory
+
+Made = TypeVar("Made")
 
 
 def decision_process(task: Task) -> MDP:
@@ -49,15 +51,20 @@ def made_process(make: Callable[[], MDP], what: str) -> MDP:
 
     if not callable(make):
         raise UserError(f"{what} is no function: give the function that makes the MDP")
-    try:
-        mdp = make()
-    except UserError:
-        raise
-    except Exception as error:  # foreign code
-        raise UserError(f"{what} fails ({failure(error)}): mend it") from error
+    mdp = _made(make, what)
     if not isinstance(mdp, MDP):
         raise UserError(f"{what} gives {type(mdp).__name__}: return a cmbrl.mdp.MDP")
     return mdp
+
+
+def _made(make: Callable[[], Made], what: str) -> Made:
+    """What ``make``, foreign code, gives; raises UserError, which begins with ``what``, where it fails."""
+    try:
+        return make()
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(f"{what} fails ({failure(error)}): mend it") from error
 
 
 def trial_process(task: Task) -> MDP:
@@ -115,12 +122,7 @@ def real_system(task: Task) -> SystemFactory:
         raise UserError(f"task {task.name!r} has no real system (Task.system): use --model")
 
     def made() -> System:
-        try:
-            system = make()
-        except UserError:
-            raise
-        except Exception as error:  # foreign code
-            raise UserError(f"task {task.name!r}: Task.system fails ({failure(error)}): mend it") from error
+        system = _made(make, f"task {task.name!r}: Task.system")
         if abs(system.dt - task.control_dt) > 1e-6 * task.control_dt:
             raise UserError(
                 f"task {task.name!r}: a step of Task.system takes {system.dt:g} s, and Task.control_dt is "
