@@ -16,7 +16,6 @@ from cmbrl.scene.core.core_arrays import CoreArrays
 from cmbrl.scene.core.inverse_weights import weight_arrays
 from cmbrl.scene.core.physical_vector import physical_vector
 from cmbrl.scene.differences import differences
-from cmbrl.scene.fittable.joint_parameters import armatures_of
 from cmbrl.scene.fittable.parameters import offer_parameters
 from cmbrl.scene.forces.activation import activation_arrays
 from cmbrl.scene.forces.actuators import feed_arrays
@@ -94,9 +93,8 @@ def _core(
     dimension, letters = (2, plane.letters) if plane else (3, ("x", "y", "z"))
     layout = Layout(dimension, len(tree.bodies), nv, len(candidates), len(grounds), len(actuators), ntendon)
     P = physical_vector(model, parts, layout, law)
-    moves, masses, shapes = offer_parameters(model, parts, layout, letters, P, law.name)
+    moves, shapes = offer_parameters(model, parts, layout, letters, P, law.name)
     lines = line_arrays(model, tree, tendons, linkages, plane)
-    armatures = armatures_of(moves, layout, nv)
     core = CoreArrays(
         planar=plane is not None,
         implicit_damping=integrator != "euler" or not ignores(model, "EULERDAMP"),
@@ -143,7 +141,9 @@ def _core(
         par_coef=moves.coef,
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
         **shapes,
-        **weight_arrays(model, tree, candidates, lines, masses, armatures, law.name, [x.source for x in tendons]),
+        **weight_arrays(
+            model, tree, plane, candidates, lines, moves, shapes, layout, law.name, [x.source for x in tendons]
+        ),
     )
     return core, moves.parameters
 

@@ -16,7 +16,7 @@ from cmbrl.scene import kinematics, manifold
 from cmbrl.scene.build import scene_fields
 from cmbrl.scene.collision.near import CHOICES
 from cmbrl.scene.core.core_arrays import CoreArrays
-from cmbrl.scene.core.inverse_weights import soften
+from cmbrl.scene.core.inverse_weights import contact_factors
 from cmbrl.scene.drives import Drive, driven_model
 from cmbrl.scene.fittable.inertia_shapes import add_shapes
 from cmbrl.scene.laws import LawChoice
@@ -160,8 +160,12 @@ class Scene:
         change = np.repeat(theta - core.par_nominal, np.diff(core.par_ptr))
         np.add.at(P, core.par_idx, change * core.par_coef)
         add_shapes(core, theta, P)
-        soften(core, theta, P)
+        P[self.layout.contacts(np.arange(core.ncontact), "rscale")] *= contact_factors(core, self.inverse_weights(theta))
         return P
+
+    def inverse_weights(self, theta: Array) -> Array:
+        """MuJoCo's inverse weights (nweight,) at parameters ``theta`` (np,), by those of the file."""
+        return np.asarray(self._native.weights(np.ascontiguousarray(theta, dtype=np.float64)))
 
     def difference(self, q_from: Array, q_to: Array) -> Array:
         """Tangent vectors (..., nv) [m, rad] from ``q_from`` to ``q_to`` (..., nq); rotations in the body frame."""

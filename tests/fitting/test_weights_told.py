@@ -1,4 +1,4 @@
-"""Rows are softer for lighter links by MuJoCo's law, which the model knows nearly: intervals do not rest on it."""
+"""Rows are softer for lighter links by MuJoCo's law: intervals do not rest on it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.outcome.weights_told import constant
 from cmbrl.fitting.state import Journal
 from cmbrl.scene import Scene
-from cmbrl.scene.writing.weighed import weighed_at
+from cmbrl.scene.core.weighed import weighed_at
 
 CHAIN = """<mujoco><option timestep=".005" gravity="0 0 0"/><default><geom type="capsule" size=".03"/>
 <joint axis="0 1 0"/></default><worldbody><body name="a"><joint name="x" type="slide" axis="1 0 0"/>
@@ -43,11 +43,13 @@ def test_weights_are_those_of_mujoco_at_other_masses(chain: Scene) -> None:
     weighed = weighed_at(chain, theta)
     np.testing.assert_allclose(weighed.core.line_invweight, own, rtol=1e-6)
     np.testing.assert_allclose(weighed.core.lim_invweight, own[chain.core.lim_line], rtol=1e-6)
-    assert not weighed.core.weight_coef.any()
+    np.testing.assert_array_equal(weighed.inverse_weights(theta), chain.inverse_weights(theta))
+    assert (weighed.core.line_weight == -1).all()
+    assert (weighed.core.con_weight == -1).all()
 
 
-def test_mass_across_a_hinge_is_told_by_weights_alone(chain: Scene) -> None:
-    """A mass at a hinge may belong to either link: motion is the same, but for how soft the model's stops are."""
+def test_mass_across_a_hinge_is_told_by_nothing(chain: Scene) -> None:
+    """A mass at a hinge may belong to either link: motion is the same, and so are the softness of joints' rows."""
     robot, rng, rows = mujoco.MjModel.from_xml_string(CHAIN.format(masses=FILE)), np.random.default_rng(0), []
     data = mujoco.MjData(robot)
     for command in np.repeat(rng.uniform(-1, 1, (20, 2)), 8, axis=0):
@@ -66,8 +68,11 @@ def test_mass_across_a_hinge_is_told_by_weights_alone(chain: Scene) -> None:
     z, every = np.zeros(len(space)), np.ones(len(space), dtype=bool)
     own, found = discrepancy._equations(z, None, 1), discrepancy.weighed(z, every)
     assert found is not None
-    told, held = (float(np.linalg.norm(e.root @ across)) for e in (own, found[0]) if e.root is not None)
-    assert held < 1e-4 * told
+    mass = space.z(space.nominal + [share * (name == "mass.b") for name in space.names]) / share
+    for equations in (own, found[0]):
+        assert equations.root is not None
+        told, across_hinge = (float(np.linalg.norm(equations.root @ change)) for change in (mass, across))
+        assert across_hinge < 1e-4 * told
     silent = constant(found[0], own)
     assert silent.variance == own.variance
     assert not silent.gradient.any()

@@ -13,7 +13,7 @@ import pytest
 from cmbrl.errors import UserError
 from cmbrl.fitting.search.gauge import common_factors
 from cmbrl.scene import Scene
-from cmbrl.scene.core.inverse_weights import factors
+from cmbrl.scene.core.inverse_weights import contact_factors, line_factors
 from cmbrl.scene.forces.actuators import UNLIMITED
 from cmbrl.scene.info.inventory import to_dict
 from cmbrl.scene.info.report import describe
@@ -246,7 +246,6 @@ def test_softness_by_inertia_against_mujoco(robot: tuple[Scene, mujoco.MjModel])
     geoms = [[base.geom(name).id for name in pair.split(" - ")] for pair in scene.contact_names]
     sides = base.geom_bodyid[np.array(geoms)]
     rows = scene.layout.contacts(np.arange(core.ncontact), "rscale")
-    of_joints = np.append(np.arange(core.nweight), -1)[core.line_weight]  # by coordinate
     moving = np.array([_moving_body(base, k) for k in range(base.nbody)])
     armatures = [p.name for p in scene.parameters if p.group == "armature"]
     for name in [*(f"mass.{body}" for body in scene.body_names), *armatures]:
@@ -256,7 +255,7 @@ def test_softness_by_inertia_against_mujoco(robot: tuple[Scene, mujoco.MjModel])
         soft, joints, weights = [], [], []
         for x in theta:
             soft.append(scene.physical_vector(x)[rows] * core.con_invweight)
-            joints.append(factors(core, x)[of_joints] * core.line_invweight)
+            joints.append(line_factors(core.line_weight, scene.inverse_weights(x)) * core.line_invweight)
             model = copy.copy(base)
             if name in armatures:
                 model.dof_armature[base.jnt_dofadr[base.joint(of).id]] = x[column]
@@ -295,13 +294,13 @@ def test_masses_soften_tendons(load: Load) -> None:
             for field in (model.body_mass, model.body_inertia):
                 field[model.body(name.partition(".")[2]).id] *= 1.0 + side
             mujoco.mj_setConst(model, mujoco.MjData(model))
-            found.append(factors(core, theta)[rows] * core.line_invweight[core.nv :])
+            found.append(scene.inverse_weights(theta)[rows] * core.line_invweight[core.nv :])
             true.append(model.tendon_invweight0)
         assert found[0] == pytest.approx(true[0], rel=1e-6)
         assert found[1] - found[0] == pytest.approx(true[1] - true[0], rel=1e-3, abs=1e-9)
     theta = scene.parameter_vector()
     theta[[_column(scene, name) for name in bodies]] *= 2.5
-    assert factors(core, theta)[rows] == pytest.approx(1 / 2.5, rel=1e-6)
+    assert scene.inverse_weights(theta)[rows] == pytest.approx(1 / 2.5, rel=1e-6)
 
 
 def test_an_armature_that_only_the_fit_has_stiffens_as_in_mujoco(load: Load) -> None:
@@ -312,7 +311,7 @@ def test_an_armature_that_only_the_fit_has_stiffens_as_in_mujoco(load: Load) -> 
     row = scene.core.lim_weight[0]
     for scale, added in ((1.0, 0.0), (1.0, 3.0), (0.5, 3.0), (5.0, 0.4)):
         theta[mass], theta[armature] = scale, added
-        assert factors(scene.core, theta)[row] == pytest.approx(2.0 / (2.0 * scale + added), rel=1e-12)
+        assert scene.inverse_weights(theta)[row] == pytest.approx(2.0 / (2.0 * scale + added), rel=1e-12)
 
 
 def _moving_body(model: mujoco.MjModel, body: int) -> int:

@@ -1,11 +1,8 @@
 """What a log would leave open if rows told nothing of masses.
 
-A row is as soft as an inverse weight says, which masses change. The model knows it at the file's masses, and nearly
-elsewhere (``cmbrl.scene.core.inverse_weights``). Without noise a fit makes up for what is missing there by centres of
-mass and shapes of inertias, along which no motion changes, and is sure of them: on a hopper in MuJoCo, a pelvis of a
-quarter of its inertia, within a third. And what a robot touches is not softer for lighter links. So intervals are at
-least as wide as where inverse weights are those of the fitted masses, exactly, and no parameter changes them; and they
-allow for the step to where the fit would go then.
+A row is as soft as an inverse weight says, which masses change by MuJoCo's law. What a robot touches is not softer for
+lighter links, so intervals are at least as wide as where inverse weights are those of the fitted masses and no
+parameter changes them; and they allow for the step to where the fit would go then.
 """
 
 from __future__ import annotations

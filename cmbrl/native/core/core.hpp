@@ -79,6 +79,8 @@ class Core {
   nb::dict dynamics(Array q, Array v, std::optional<Array> theta, nb::dict options, bool contacts);
   // Of all candidates, at the nominal parameters.
   nb::object gaps(Array q);
+  // What parameters (np,) make of each inverse weight, by the file's.
+  nb::object weights(Array theta);
   nb::dict rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options);
   nb::object bodies(Array q, Array v, Index chosen, int threads);
   nb::tuple bodies_backward(Array q, Array v, Index chosen, Array cotangent, int threads);

@@ -34,6 +34,7 @@ const Backend backend = {
       m.planar ? smooth_quantities<Planar>(m, o, b, M, bias, length, gap, J, s, e, w)
                : smooth_quantities<Spatial>(m, o, b, M, bias, length, gap, J, s, e, w);
     },
+    [](const Model& m, const double* theta, double* out, StepMemory& w) { m.planar ? weights_at<Planar>(m, theta, out, w) : weights_at<Spatial>(m, theta, out, w); },
     [](const Model& m, const Options& o, const Batch& b, const RowBatch& out, int64_t s, int64_t e, StepMemory& w) {
       m.planar ? step_rows<Planar>(m, o, b, out, s, e, w) : step_rows<Spatial>(m, o, b, out, s, e, w);
     },

@@ -21,6 +21,7 @@ void bind_core(nb::module_& module) {
       .def("dynamics", &Core::dynamics, "q"_a, "v"_a, "theta"_a.none(), "options"_a,
            "contacts"_a = true)
       .def("gaps", &Core::gaps, "q"_a)
+      .def("weights", &Core::weights, "theta"_a)
       .def("rows", &Core::rows, "q"_a, "v"_a, "u"_a, "theta"_a.none(), "options"_a)
       .def("bodies", &Core::bodies, "q"_a, "v"_a, "bodies"_a, "threads"_a = 1)
       .def("bodies_backward", &Core::bodies_backward, "q"_a, "v"_a, "bodies"_a, "cotangent"_a, "threads"_a = 1)

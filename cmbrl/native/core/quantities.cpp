@@ -38,6 +38,15 @@ nb::object Core::gaps(Array q) {
   return nb::cast(out);
 }
 
+nb::object Core::weights(Array theta) {
+  const Model& m = data_->model;
+  check(theta, "theta", {m.ntheta});
+  double* factors;
+  auto out = make_array<double>({size_t(m.nweight)}, &factors);
+  run(1, 1, Purpose::step, [&](const Backend& backend, int64_t, int64_t, StepMemory& w) { backend.weights(m, theta.data(), factors, w); });
+  return nb::cast(out);
+}
+
 nb::dict Core::rows(Array q, Array v, Array u, std::optional<Array> theta, nb::dict options) {
   const Model& m = data_->model;
   Options o = settings(options);

@@ -127,11 +127,16 @@ struct Model : Structure {
   const double *P;
   const int *par_ptr, *par_idx;  // parameters that move the rest of P, by parameter
   const double *par_coef, *par_nominal;
-  int nshape, nmass, nweight;
+  int nshape, ninertial, nweight;
   const int *shape_body, *shape_mass, *shape_par;  // inertia_shape.hpp: bodies, the parameters of their mass and of their shape
   const double* shape_root;
-  const int *mass_par, *weight_ptr, *weight_mass, *con_weight, *lim_weight, *line_weight;  // inverse_weight.hpp: masses that soften rows
-  const double *weight_coef, *con_share;           // con_weight, con_share: of both bodies of a contact
+  const int *inertial_par;                                    // load_weights.hpp: parameters that inverse weights depend on;
+  const int *weight_span, *weight_slopes;                     // each on some of these, and where its slopes begin;
+  const int *weight_body, *weight_carried;                    // a body, and whether its point goes with the centre of mass;
+  const int *weight_ptr, *weight_row_ptr, *weight_dof;        // or rows J
+  const double *weight_point, *weight_coef, *weight_nominal;
+  const int *con_weight, *lim_weight, *line_weight;           // inverse_weight.hpp
+  const double *con_share, *q0;                               // con_weight, con_share: of both bodies of a contact; qpos0
 
   // derived
   const int *anc_ptr, *anc_idx;  // ancestors of a dof on its own chain
@@ -284,6 +289,7 @@ struct Backend {  // one per instruction set
   void (*loss)(const Model&, const Options&, const LossBatch&, int64_t candidate_pack, int64_t begin, int64_t end, StepMemory&);
   void (*windows)(const Model&, const Options&, const WindowBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*dynamics)(const Model&, const Options&, const Batch&, double* M, double* bias, double* length, double* gap, double* J, int64_t begin, int64_t end, StepMemory&);
+  void (*weights)(const Model&, const double* theta, double* out, StepMemory&);  // factors (nweight,) on inverse weights
   void (*rows)(const Model&, const Options&, const Batch&, const RowBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*bodies)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);
   void (*bodies_backward)(const Model&, const Batch&, const BodyBatch&, int64_t begin, int64_t end, StepMemory&);

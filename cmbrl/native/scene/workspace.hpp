@@ -75,7 +75,11 @@ struct Work : SolverWork<G> {
   StepMemory* memory;                      // where what grows stands
   T *P, *q, *v, *u, *vstep, *start;        // parameters but those of contacts, state, control, next velocity; state to go back to
   T *dtheta, radius_slack;                 // parameters less their nominal values; most that they add to a radius
-  T *lighter, *weight, *heavier;           // 1/mu - 1 of the scales of masses; factors on inverse weights, and their divisors (inverse_weight.hpp)
+  T *weight, *weight_slope, *weight_pull;  // factors on inverse weights; by them, changes with parameters, pulls of softer rows by dof
+  uint8_t* weight_pulls;                   // those that have such pulls (inverse_weight.hpp)
+  bool softens = false;                    // some parameter of inertia has a column
+  int* inertia_body;                       // the bodies of parameters of inertia,
+  Inertia<G>* inertia_change;              // and what they do to them at qpos0
   typename G::Rot* R; V* pos;              // bodies, relative to O
   Inertia<G> *I, *Ic;
   Motion *vel, *acc, *fc, *psid, *psidd, *sdot, *vlam, *tn, *tnlam;  // tn: twists under the next velocity
@@ -201,8 +205,7 @@ struct Work : SolverWork<G> {
 
   Work(Arena& A, const Model& m, Purpose purpose, StepMemory* growing) : memory(growing) {
     int64_t nv = m.nv, nb = m.nbody, ncol = 2 * nv + m.nu + m.ntheta, words = FillPattern::words(m.ngroup);  // past an int, perhaps
-    P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1); lighter = A.take<T>(m.nmass); weight = A.take<T>(m.nweight);
-    heavier = A.take<T>(m.nweight);
+    P = A.take<T>(m.oContact); dtheta = A.take<T>(m.ntheta + 1); weight = A.take<T>(m.nweight);
     q = A.take<T>(m.nq); v = A.take<T>(nv); u = A.take<T>(m.nu + 1);
     vstep = A.take<T>(nv); start = A.take<T>(m.nq + nv);
     this->take(A, nv, m.mass.row(m.nv), nv, m.max_group_dofs, m.nlimit, m.nline);
@@ -240,6 +243,8 @@ struct Work : SolverWork<G> {
     column = A.take<int>(m.ntheta); parameter = A.take<int>(m.ntheta);
     if (purpose == Purpose::step) { Gq = nullptr; return; }
     lim_on = A.take<Mask>(m.nlimit);
+    weight_slope = A.take<T>(m.weight_slopes[m.nweight]); weight_pull = A.take<T>(m.nweight * nv); weight_pulls = A.take<uint8_t>(m.nweight);
+    inertia_body = A.take<int>(m.ninertial); inertia_change = A.take<Inertia<G>>(m.ninertial);
     auto block = [&](T*& q_, T*& v_, T*& u_, T*& p_) {
       q_ = A.take<T>(nv * nv); v_ = A.take<T>(nv * nv); u_ = A.take<T>(nv * (m.nu + 1)); p_ = A.take<T>(nv * (m.ntheta + 1));
     };

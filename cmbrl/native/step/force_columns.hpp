@@ -1,7 +1,7 @@
 // What the named parameters of bodies, lines and actuators do to a step: entries of the physical vector P that they move.
 #pragma once
 #include "step/derivative.hpp"
-#include "dynamics/inertia_shape.hpp"
+#include "dynamics/inertia_change.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -35,45 +35,12 @@ struct ForceColumns {
     double scale = inertial();
     for (int d = m.body_lastdof[b]; d >= 0; d = m.above(d)) at(d) -= scale * dot(w.S[d], f);
   }
-  void add_inertia(int b, int field, double coef, Inertia<G>& dI) {
-    const T* p = w.P + b * m.body_fields;
-    typename G::V c;
-    CMBRL_FOR(i, G::D) c[i] = p[1 + i];
-    c = w.pos[b] + G::rotate(w.R[b], c);
-    T k = splat(coef);
-    if (field == 0) {
-      dI.m += k;
-      dI.h += k * c;
-      G::add_steiner(dI.I, k, c);
-    } else if (field <= G::D) {
-      typename G::V e = zero<G::D>();
-      e[field - 1] = k;
-      e = G::rotate(w.R[b], e);
-      dI.h += p[0] * e;
-      G::add_steiner_derivative(dI.I, p[0], c, e);
-    } else {
-      T unit[G::SYM] = {}, world[G::SYM];
-      unit[field - 1 - G::D] = k;
-      G::sym_rotate(w.R[b], unit, world);
-      CMBRL_FOR(i, G::SYM) dI.I[i] += world[i];
-    }
-  }
 
   // Parameter k of a shape, or the mass that it goes with.
   void shape(int k) {
-    int s = m.par_shape[k], b = m.shape_body[s];
-    T dI[G::SYM], world[G::SYM];
-    if (m.shape_mass[s] == k) {
-      if (!reshaped(m, w, s)) return;
-      shape_inertia(m, w, s, dI);
-    } else {
-      int j = 0;
-      while (m.shape_par[s * kShape<G> + j] != k) ++j;
-      shape_derivative(m, w, s, j, dI);
-      T mu = mass_scale(m, w, m.shape_mass[s]);
-      CMBRL_FOR(i, G::SYM) dI[i] *= mu;
-    }
-    G::sym_rotate(w.R[b], dI, world);
+    T world[G::SYM];
+    if (!shape_change(m, w, k, world)) return;
+    int b = m.shape_body[m.par_shape[k]];
     bool ahead = forces() && w.ahead;
     auto turn = ang<G>((ahead ? w.bvel : w.vel)[b]), acceleration = ang<G>((ahead ? w.bacc : w.acc)[b]);
     auto moment = G::sym_mul(world, acceleration) + G::cross_ang(turn, G::sym_mul(world, turn));  // as body(), without mass

@@ -2,6 +2,7 @@
 #pragma once
 #include "step/columns.hpp"
 #include "step/force_columns.hpp"
+#include "step/load_weights.hpp"
 
 namespace cmbrl::CMBRL_ISA {
 
@@ -157,7 +158,7 @@ struct ParameterColumns : ForceColumns<G> {
         int b = idx / m.body_fields;
         Inertia<G> dI{};
         for (; e < m.par_ptr[k + 1] && m.par_idx[e] / m.body_fields == b && m.par_idx[e] < m.oDof; ++e)
-          this->add_inertia(b, m.par_idx[e] % m.body_fields, m.par_coef[e], dI);
+          add_inertia(m, w, b, m.par_idx[e] % m.body_fields, m.par_coef[e], dI);
         this->body(b, dI);
         continue;
       }
@@ -195,6 +196,7 @@ static T gap_of_parameter(const Model& m, const Contact<G>& c, int k) {
 // Of contacts: each field's wrench is found once. Masses soften by the row's inverse weight.
 template <class G, class F>
 static void contact_columns(const Model& m, Work<G>& w, F columns) {
+  for (int j = 0; j < m.nweight; ++j) w.weight_pulls[j] = 0;
   for (int i = 0; i < w.ncon; ++i) {
     Contact<G>& c = w.con[i];
     Vec<G::N> unit[kContactFields];
@@ -212,21 +214,24 @@ static void contact_columns(const Model& m, Work<G>& w, F columns) {
         if (m.con_par_field[e] == kRscale) coef *= weight;
         add(m.con_par[e], m.con_par_field[e], coef);
       }
-      if (w.np == 0 || (m.con_weight[2 * i] < 0 && m.con_weight[2 * i + 1] < 0)) return;
-      // Many masses, one wrench: its pulls are found once.
+      if (!w.softens || (m.con_weight[2 * i] < 0 && m.con_weight[2 * i + 1] < 0)) return;
       auto of_all = columns(w.parameter[0]);
       if (!known[kRscale]) unit[kRscale] = of_all.contact(c, kRscale);
       known[kRscale] = true;
-      of_all.for_pulls(c, unit[kRscale], [&](int k, int, T pull) { w.Y[k][0] = pull; });
-      int begin = m.grp_dptr[m.con_group[i]], end = m.grp_dptr[m.con_group[i] + 1];
       CMBRL_FOR(side, 2) if (int j = m.con_weight[2 * i + side]; j >= 0) {
-        T share = keep(lanes, m.con_share[2 * i + side] * c.P[kRscale] / weight);
-        for_weights(m, w, j, [&](int k, T change) {
-          if (w.column[k] < 0) return;
-          auto out = columns(k);
-          for (int d = begin; d < end; ++d) out.at(m.grp_dof[d]) += share * change * w.Y[d - begin][0];
-        });
+        T share = keep(lanes, m.con_share[2 * i + side] * c.P[kRscale] / weight), *sum = w.weight_pull + int64_t(j) * m.nv;
+        for (int d = 0; !w.weight_pulls[j] && d < m.nv; ++d) sum[d] = T{};
+        w.weight_pulls[j] = 1;
+        of_all.for_pulls(c, unit[kRscale], [&](int, int dof, T pull) { sum[dof] += share * pull; });
       }
+    });
+  }
+  for (int j = 0; j < m.nweight; ++j) {  // many masses and contacts, one pull
+    if (!w.weight_pulls[j]) continue;
+    const T* sum = w.weight_pull + int64_t(j) * m.nv;
+    for_weights(m, w, j, [&](int k, T change) {
+      auto out = columns(k);
+      for (int d = 0; d < m.nv; ++d) out.at(d) += change * sum[d];
     });
   }
 }
@@ -243,10 +248,10 @@ static void parameter_terms(const Model& m, const Options& o, Work<G>& w, T* out
   if (part == Part::step) {
     for (int i = 0; i < w.nlim; ++i)
       if (int j = m.lim_weight[w.lim[i].index]; j >= 0)
-        for_weights(m, w, j, [&](int k, T change) { if (w.column[k] >= 0) columns(k).limit(w.lim[i], change / w.weight[j]); });
+        for_weights(m, w, j, [&](int k, T change) { columns(k).limit(w.lim[i], change / w.weight[j]); });
     for (int i = 0; i < w.ndry; ++i)
       if (int j = m.line_weight[w.dry[i].line]; j >= 0)
-        for_weights(m, w, j, [&](int k, T change) { if (w.column[k] >= 0) columns(k).softer(w.dry[i], change / w.weight[j]); });
+        for_weights(m, w, j, [&](int k, T change) { columns(k).softer(w.dry[i], change / w.weight[j]); });
   }
   if (forces && w.ahead) add_product(m, w.C, w.Bp, w.np, out);
 }

@@ -52,6 +52,16 @@ static void smooth_quantities(const Model& m, const Options& o, const Batch& b, 
   }
 }
 
+// Factors (nweight,) on inverse weights at parameters theta.
+template <class G>
+static void weights_at(const Model& m, const double* theta, double* out, StepMemory& memory) {
+  Work<G> w = open<G>(m, Purpose::step, memory);
+  const double* each[W];
+  for (int lane = 0; lane < W; ++lane) each[lane] = theta;
+  load_parameters(m, w, each);
+  for (int j = 0; j < m.nweight; ++j) out[j] = w.weight[j][0];
+}
+
 // Rows of a step as its solve has them in the end, with those that were left out too soon. Dry friction has no row here: it
 // acts in vf with the impulses it has in that solution.
 template <class G>

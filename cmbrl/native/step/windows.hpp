@@ -136,8 +136,8 @@ static void window_packs(const Model& m, const Options& o, const WindowBatch& b,
   Work<G> w = open<G>(m, Purpose::product, memory);
   const double* theta[W];
   for (int lane = 0; lane < W; ++lane) theta[lane] = b.theta;
-  load_parameters(m, w, theta);
   want_parameters(m, w, b.wanted, b.nwanted);
+  load_parameters(m, w, theta);
   Along<G> along(m, b, w);
   for (int64_t e = begin; e < end; e += W) window_pack(m, o, b, lanes_from(e, end, nullptr), along, w);
 }

@@ -60,8 +60,8 @@ class CoreArrays:
     nfield: int  # height fields
     prism: int  # the hull that tells the sides of a field's prisms, or -1
     nshape: int  # bodies whose inertia can change its shape
-    nmass: int  # masses and armatures that inverse weights depend on
-    nweight: int  # inverse weights that masses change
+    ninertial: int  # parameters of inertia and armatures, which inverse weights depend on
+    nweight: int  # inverse weights that they change
     plane_basis: Array  # (2, 3) directions of the plane of motion; zeros for spatial scenes
 
     body_parent: Integers  # (nb,)
@@ -242,11 +242,19 @@ class CoreArrays:
     shape_mass: Integers  # (nshape,) the parameter of its mass
     shape_par: Integers  # (nshape * (1 or 6),) the parameters of its shape; -1: none
     shape_root: Array  # (nshape, D * D) B: see inertia_shapes.py
-    mass_par: Integers  # (nmass,) their parameters
-    weight_ptr: Integers  # (nweight + 1,) where the masses and armatures that change each inverse weight begin
-    weight_mass: Integers  # their places in mass_par
-    weight_coef: Array  # a_k, or c_k of armatures that the file does not have: see inverse_weights.py
-    con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: none that these change
+    inertial_par: Integers  # (ninertial,) by tree
+    weight_body: Integers  # (nweight,) whose point it is of; -1: of rows
+    weight_point: Array  # (nweight, D) in the frame of the body,
+    weight_carried: Integers  # (nweight,) or, where this is 1, from its centre of mass
+    weight_span: Integers  # (nweight * 2,) the first of the ninertial that change it, and where they end
+    weight_slopes: Integers  # (nweight + 1,) where its slopes with them begin
+    weight_nominal: Array  # (nweight,) the file's, times the number of rows
+    weight_ptr: Integers  # (nweight + 1,) where the rows J of each begin
+    weight_row_ptr: Integers  # where the entries of each row begin
+    weight_dof: Integers
+    weight_coef: Array
+    q0: Array  # (nq,) the configuration that weights are taken in
+    con_weight: Integers  # (nc * 2,) inverse weights of both bodies; -1: one that no parameter changes
     con_share: Array  # (nc, 2) of their sum
     lim_weight: Integers  # (nl,)
     line_weight: Integers  # (nv + nt,)

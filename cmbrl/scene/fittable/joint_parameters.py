@@ -98,17 +98,6 @@ def _offer_gaps(model: mujoco.MjModel, free: Sequence[Joint], layout: Layout, ou
             out.add("play", name, gap, gap / _TIMES, gap * _TIMES, unit, place, 0.5)
 
 
-def armatures_of(moves: Moves, layout: Layout, nv: int) -> dict[int, int]:
-    """Degree of freedom -> number of its armature's parameter."""
-    dof_of = {layout.dof(d, "armature"): d for d in range(nv)}
-    return {
-        dof_of[int(place)]: k
-        for k, p in enumerate(moves.parameters)
-        if p.group == "armature"
-        for place in moves.idx[moves.ptr[k] : moves.ptr[k + 1]]
-    }
-
-
 def _offer_friction_laws(joints: Sequence[Joint], losses: Array, layout: Layout, P: Array, out: Collector) -> None:
     """Friction losses that change with the place and speed of ``joints``, on request: files have neither."""
     for joint in joints:

@@ -54,8 +54,8 @@ _TURNING_FIELDS = {2: (_ROLL,), 3: (("spin", "torsional_friction", 4), _ROLL)}
 
 def offer_parameters(
     model: mujoco.MjModel, parts: Parts, layout: Layout, letters: tuple[str, ...], P: Array, contact_law: str
-) -> tuple[Moves, dict[int, int], dict[str, Any]]:
-    """All parameters of a scene, the numbers of those of masses by body, and the core's arrays of shapes.
+) -> tuple[Moves, dict[str, Any]]:
+    """All parameters of a scene, and the core's arrays of shapes.
 
     ``letters`` name the axes of centres of mass; ``P`` (nP,) is the nominal vector.
     """
@@ -83,7 +83,7 @@ def offer_parameters(
     for k, actuator in enumerate(parts.actuators):
         offer_actuator(tree, actuator, layout, k, out)
     _offer_gravity(layout, letters, P, out)
-    return out.moves(), masses, shapes
+    return out.moves(), shapes
 
 
 def _offer_gravity(layout: Layout, letters: tuple[str, ...], P: Array, out: Collector) -> None:
