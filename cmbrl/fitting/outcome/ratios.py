@@ -17,6 +17,15 @@ _NORMAL_95 = 1.96
 _NARROWER = 0.8  # than the parameter's own interval, on a logarithmic scale: else the ratio says nothing new
 
 
+def moved_and_still(theta: np.ndarray, active: np.ndarray, together: Sequence[int]) -> tuple[list[int], list[int]]:
+    """Columns of a common factor that a fit moved, and those that kept the file's values and tell the unit of force.
+
+    What is 0, such as a friction loss that the file does not have, tells none.
+    """
+    moved = [k for k in together if active[k]]
+    return moved, [k for k in together if not active[k] and theta[k] != 0.0]
+
+
 def ratios(space: Space, z: np.ndarray, covariance: np.ndarray, together: Sequence[int]) -> dict[str, Any] | None:
     """Values of ``together``, columns of a common factor, if one of them has the file's value.
 
@@ -56,6 +65,5 @@ def beside(
         if space.transform[column] == "log" and 0.0 < apart < _NARROWER * alone:
             value, factor = float(theta[column]), float(np.exp(_NORMAL_95 * apart * space.sd[column]))
             found[space.names[column]] = [value, value / factor, value * factor]
-    first = next((k for k in still if space.transform[k] == "log"), still[0])  # one that is 0 is no unit
     held = [space.names[k] for k in still]
-    return {"reference": space.names[first], "held": held, "parameters": found} if found else None
+    return {"reference": held[0], "held": held, "parameters": found} if found else None

@@ -18,7 +18,7 @@ from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.outcome.draws import bearable
 from cmbrl.fitting.outcome.identify import Identification, identify
 from cmbrl.fitting.outcome.lateness import lateness
-from cmbrl.fitting.outcome.ratios import beside, ratios
+from cmbrl.fitting.outcome.ratios import beside, moved_and_still, ratios
 from cmbrl.fitting.outcome.untold_delay import UntoldDelay
 from cmbrl.fitting.outcome.weights_told import beyond_weights, constant
 from cmbrl.fitting.result import FitResult
@@ -154,8 +154,8 @@ def _together(
     pose: np.ndarray,
 ) -> dict[str, Any]:
     """What the log tells of several parameters only together: of those that share a unit of force, and of bodies."""
-    whole = all(active[k] for together in sets for k in together)
-    split = [([k for k in together if active[k]], [k for k in together if not active[k]]) for together in sets]
+    split = [moved_and_still(space.theta(z), active, together) for together in sets]
+    whole = not any(still for _, still in split)
     told_by = [
         beside(space, z, known.apart, known.wide, moved, still) if still else ratios(space, z, known.wide, moved)
         for moved, still in split
