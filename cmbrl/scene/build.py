@@ -142,7 +142,18 @@ def _core(
         par_nominal=np.array([p.nominal for p in moves.parameters], dtype=np.float64),
         **shapes,
         **weight_arrays(
-            model, tree, plane, candidates, lines, moves, shapes, layout, law.name, [x.source for x in tendons]
+            model,
+            tree,
+            plane,
+            candidates,
+            lines,
+            P,
+            moves.ptr,
+            moves.idx,
+            shapes,
+            layout,
+            law.name,
+            [x.source for x in tendons],
         ),
     )
     return core, moves.parameters

@@ -160,7 +160,8 @@ class Scene:
         change = np.repeat(theta - core.par_nominal, np.diff(core.par_ptr))
         np.add.at(P, core.par_idx, change * core.par_coef)
         add_shapes(core, theta, P)
-        P[self.layout.contacts(np.arange(core.ncontact), "rscale")] *= contact_factors(core, self.inverse_weights(theta))
+        softness = self.layout.contacts(np.arange(core.ncontact), "rscale")
+        P[softness] *= contact_factors(core, self.inverse_weights(theta))
         return P
 
     def inverse_weights(self, theta: Array) -> Array:

@@ -17,7 +17,7 @@ from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.outcome.weights_told import constant
 from cmbrl.fitting.state import Journal
 from cmbrl.scene import Scene
-from cmbrl.scene.core.weighed import weighed_at
+from cmbrl.scene.weighed import weighed_at
 
 CHAIN = """<mujoco><option timestep=".005" gravity="0 0 0"/><default><geom type="capsule" size=".03"/>
 <joint axis="0 1 0"/></default><worldbody><body name="a"><joint name="x" type="slide" axis="1 0 0"/>

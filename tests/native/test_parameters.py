@@ -34,7 +34,8 @@ HUNG = """<mujoco><option timestep=".004"/><worldbody><site name="a" pos="-1 0 2
 <spatial name="right" damping="1"><site site="b"/><site site="d"/></spatial></tendon><actuator>
 <motor tendon="left" ctrlrange="-40 0"/><position tendon="right" kp="100" forcerange="-40 0"/></actuator></mujoco>"""
 SPREAD = {"mass": (0.6, 1.7), "inertia": (0.4, 2.5), "inertia_tilt": (-0.5, 0.5), "stop_time": (1.5, 3.0)}
-SPREAD |= {"stop_damping": (0.3, 2.0), "stop_softness": (0.2, 5.0)}
+SPREAD |= {"stop_damping": (0.3, 2.0), "stop_softness": (0.2, 5.0), "armature": (0.0, 0.0019)}
+SPREAD |= {f"com_{axis}": (-0.02, 0.02) for axis in "xyz"}
 
 
 def written(folder: Path, text: str, contact_law: str = "mujoco") -> Scene:

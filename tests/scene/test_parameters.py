@@ -17,7 +17,7 @@ from cmbrl.scene.core.inverse_weights import contact_factors, line_factors
 from cmbrl.scene.forces.actuators import UNLIMITED
 from cmbrl.scene.info.inventory import to_dict
 from cmbrl.scene.info.report import describe
-from cmbrl.scene.writing.fitted_file import fitted_file
+from cmbrl.scene.writing.fitted_file import fitted_file, written_and_read
 
 from .conftest import Load
 
@@ -271,6 +271,31 @@ def test_softness_by_inertia_against_mujoco(robot: tuple[Scene, mujoco.MjModel])
         assert np.subtract(*joints[::-1])[bound] == pytest.approx(by_mass, rel=1e-3, abs=1e-3 * np.abs(by_mass).max())
 
 
+def test_inverse_weights_are_those_of_the_fitted_file(robot: tuple[Scene, mujoco.MjModel]) -> None:
+    """At masses, centres, shapes and armatures far from the file's, as MuJoCo's compiler has them, to six digits."""
+    (scene, base), rng = robot, np.random.default_rng(0)
+    core, theta = scene.core, scene.parameter_vector()
+    inertial = [scene.parameters[k] for k in core.inertial_par]
+    scales = {"mass", "inertia", "armature"}
+    assert {p.group for p in inertial} >= scales | {"com_x", "com_z"}
+    for k, p in zip(core.inertial_par, inertial, strict=True):
+        own = max(p.nominal, 0.01) if p.group == "armature" else p.nominal
+        theta[k] = own * np.exp(rng.uniform(-0.5, 0.5)) if p.group in scales else 0.05 * rng.uniform(p.low, p.high)
+    factors, held = scene.inverse_weights(theta), written_and_read(scene, theta)[1].core
+    bound = core.line_weight >= 0
+    lines = line_factors(core.line_weight, factors) * core.line_invweight
+    assert np.abs(factors - 1.0).max() > 0.2
+    np.testing.assert_allclose(lines[bound], held.line_invweight[bound], rtol=2e-5)
+    found = contact_factors(core, factors) * core.con_invweight
+    moving = [_moving_body(base, k) for k in range(base.nbody)]  # a humanoid's feet are welded to its shins
+    sides = [
+        [moving[base.geom_bodyid[base.geom(geom).id]] for geom in pair.split(" - ")] for pair in scene.contact_names
+    ]
+    alone = [all(body == 0 or moving.count(body) == 1 for body in pair) for pair in sides]
+    assert any(alone)
+    np.testing.assert_allclose(found[alone], held.con_invweight[alone], rtol=2e-5)
+
+
 def test_masses_soften_tendons(load: Load) -> None:
     """A string between two trees, and a tendon that adds joints: slopes against mj_setConst, and the unit of force."""
     slide = '<joint name="{}" type="slide" axis="{}"/>'
@@ -280,7 +305,8 @@ def test_masses_soften_tendons(load: Load) -> None:
     <site name="b"/><body name="D" pos=".2 0 0"><joint name="d" axis="0 1 0"/><geom size=".05" pos=".3 0 0" mass=".5"/>
     </body></body>"""
     tendons = """<tendon><spatial name="string" range="0 .5" limited="true"><site site="a"/><site site="b"/></spatial>
-    <fixed name="sum" frictionloss="1"><joint joint="b" coef="1"/><joint joint="d" coef=".5"/></fixed></tendon>"""
+    <fixed name="sum" frictionloss="1" armature=".3"><joint joint="b" coef="1"/><joint joint="d" coef=".5"/>
+    </fixed></tendon>"""
     scene, base = load(world, tendons)
     core, step = scene.core, 1e-5
     rows = core.line_weight[core.nv :]
@@ -299,7 +325,7 @@ def test_masses_soften_tendons(load: Load) -> None:
         assert found[0] == pytest.approx(true[0], rel=1e-6)
         assert found[1] - found[0] == pytest.approx(true[1] - true[0], rel=1e-3, abs=1e-9)
     theta = scene.parameter_vector()
-    theta[[_column(scene, name) for name in bodies]] *= 2.5
+    theta[[_column(scene, name) for name in [*bodies, "tendon_armature.sum"]]] *= 2.5
     assert scene.inverse_weights(theta)[rows] == pytest.approx(1 / 2.5, rel=1e-6)
 
 

@@ -28,7 +28,7 @@ from cmbrl.fitting.search.folds import draw_starts, windows_in_blocks
 from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.state import Journal, OutOfTime
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.scene.core.weighed import weighed_at
+from cmbrl.scene.weighed import weighed_at
 
 _STEPPING = 0.5  # share of the mean over other time steppings
 _LEAST_VARIANCE = 1e-12  # of a normalised residual

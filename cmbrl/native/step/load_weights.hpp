@@ -17,9 +17,10 @@ template <class G>
 static void find_rest(const Model& m, Work<G>& w) {
   for (int i = 0; i < m.nq; ++i) w.q[i] = splat(m.q0[i]);
   kinematics(m, w, w.q);
+  find_lines(m, w);
   inertias(m, w);
   mass_matrix(m, w);
-  for (int d = 0; d < m.nv; ++d) w.M[m.mass.row(d)] += w.P[m.oDof + d * kDofFields + kArmature];
+  for (int i = 0; i < m.nline; ++i) add_square(m, w, i, w.P[m.oDof + i * kDofFields + kArmature], w.M, m.mass);
   factorise<true>(w.M, m.mass, m.nv);
 }
 
@@ -51,8 +52,9 @@ static void add_slopes(const Model& m, Work<G>& w, int j, int r, const T* y) {
     for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e) {
       int line = (m.par_idx[e] - m.oDof) / kDofFields, axis = m.par_idx[e] % m.body_fields - 1;
       if (m.par_idx[e] >= m.oDof) {
-        bool reflected = line < m.nv && (m.par_idx[e] - m.oDof) % kDofFields == kArmature;
-        if (reflected) *slope -= m.par_coef[e] * y[line] * y[line];
+        if (line >= m.nline || (m.par_idx[e] - m.oDof) % kDofFields != kArmature) continue;
+        T rate = along(m, w, line, y);
+        *slope -= m.par_coef[e] * rate * rate;
       } else if (carried && axis >= 0 && axis < G::D) {
         typename G::V moved = zero<G::D>();
         moved[axis] = splat(2.0 * m.par_coef[e]);
@@ -62,8 +64,9 @@ static void add_slopes(const Model& m, Work<G>& w, int j, int r, const T* y) {
   }
 }
 
+// Where nothing moved, the weight is exactly the file's.
 template <class G>
-static void load_weight(const Model& m, Work<G>& w, int j) {
+static void load_weight(const Model& m, Work<G>& w, int j, Mask moved) {
   T *J = w.delta, *y = w.rhs, *slope = w.weight_slope + m.weight_slopes[j], total = T{};
   int slopes = w.softens ? m.weight_slopes[j + 1] - m.weight_slopes[j] : 0;
   for (int i = 0; i < slopes; ++i) slope[i] = T{};
@@ -76,23 +79,23 @@ static void load_weight(const Model& m, Work<G>& w, int j) {
   }
   T factor = total / m.weight_nominal[j];
   Mask known = factor <= kMostSoftened;
-  w.weight[j] = select(known, factor, splat(kMostSoftened));
+  w.weight[j] = select(moved, select(known, factor, splat(kMostSoftened)), splat(1));
   for (int i = 0; i < slopes; ++i) slope[i] = keep(known, slope[i] / m.weight_nominal[j]);
 }
 
 template <class G>
 static void load_weights(const Model& m, Work<G>& w) {
-  bool moved = false;
+  Mask moved = none();
   w.softens = false;
   for (int i = 0; i < m.ninertial; ++i) {
-    moved |= any(w.dtheta[m.inertial_par[i]] != 0.0);
+    moved |= w.dtheta[m.inertial_par[i]] != 0.0;
     w.softens |= w.Gq && w.column[m.inertial_par[i]] != kUnwanted;
   }
   for (int j = 0; j < m.nweight; ++j) w.weight[j] = splat(1);
-  if (m.nweight == 0 || !(moved || w.softens)) return;
+  if (m.nweight == 0 || !(any(moved) || w.softens)) return;
   find_rest(m, w);
   for (int i = 0; i < m.ninertial && w.softens; ++i) w.inertia_body[i] = inertia_change(m, w, m.inertial_par[i], w.inertia_change[i]);
-  for (int j = 0; j < m.nweight; ++j) load_weight(m, w, j);
+  for (int j = 0; j < m.nweight; ++j) load_weight(m, w, j, moved);
 }
 
 }  // namespace cmbrl::CMBRL_ISA

@@ -9,6 +9,7 @@ the file's. Of bodies that are welded together, each keeps its place about the c
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -16,8 +17,7 @@ import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
 from cmbrl.scene.collision.candidate_table import CandidateTable
-from cmbrl.scene.core.core_arrays import CoreArrays
-from cmbrl.scene.fittable.collector import Moves
+from cmbrl.scene.core.core_arrays import CoreArrays, Integers
 from cmbrl.scene.layout import Layout
 from cmbrl.scene.records import WORLD, Array, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
@@ -33,7 +33,9 @@ def weight_arrays(
     plane: PlaneOfMotion | None,
     candidates: CandidateTable,
     limits: Mapping[str, Any],
-    moves: Moves,
+    P: Array,
+    ptr: Array,
+    idx: Array,
     shapes: Mapping[str, Any],
     layout: Layout,
     contact_law: str,
@@ -41,18 +43,23 @@ def weight_arrays(
 ) -> dict[str, Any]:
     """The core's arrays: the weights of joints and tendons, and of bodies that touch, and what they depend on.
 
-    ``limits``: the core's arrays of lines; ``shapes``: those of inertias; ``tendons``: numbers in the file of those
-    among the lines.
+    ``limits``: the core's arrays of lines; ``P`` (nP,): the nominal vector; ``ptr``, ``idx``: its places that each
+    parameter moves; ``shapes``: the core's arrays of those of inertias; ``tendons``: numbers in the file of those among
+    the lines.
     """
-    parameters, trees = _inertial(tree, moves, shapes, layout)
-    found = _Weights(model, tree, plane, trees)
+    slopes = np.concatenate([np.eye(model.nv), _slopes_of_tendons(model, tendons)])  # of lines
+    armatures = np.array([layout.dof(line) for line in range(len(slopes))], dtype=int)
+    trees = _trees(tree, slopes[(P[armatures] != 0.0) | np.isin(armatures, idx)])
+    of_lines = trees[np.argmax(slopes != 0.0, axis=1)]
+    reflecting = dict(zip(armatures.tolist(), of_lines.tolist(), strict=True))
+    parameters, owners = _inertial(tree, ptr, idx, shapes, layout, trees, reflecting)
+    reflected = (slopes.T * P[armatures]) @ slopes
+    found = _Weights(model, tree, plane, trees, owners, reflected)
     lines = np.full(model.nv + len(limits["tendon_ptr"]) - 1, -1)
     for joint in tree.joints:
         if model.jnt_type[joint.source] != mujoco.mjtJoint.mjJNT_FREE:
             lines[list(joint.dofs)] = found.of_rows(np.eye(model.nv)[list(joint.dofs)])
-    lines[model.nv : model.nv + len(tendons)] = [
-        found.of_rows(slope[None]) for slope in _slopes_of_tendons(model, tendons)
-    ]
+    lines[model.nv : len(slopes)] = [found.of_rows(slope[None]) for slope in slopes[model.nv :]]
     sides = model.geom_bodyid[candidates.geoms]
     of_body = np.full(model.nbody, -1)
     for body in np.unique(sides) if contact_law in SOFTENED_LAWS else ():
@@ -62,7 +69,7 @@ def weight_arrays(
     total = weights.sum(axis=1, keepdims=True)
     return {
         **found.arrays(),
-        "inertial_par": integers(parameters),
+        "inertial_par": parameters,
         "ninertial": len(parameters),
         "q0": np.array(model.qpos0, dtype=np.float64),
         "con_weight": integers(of_body[sides]),
@@ -72,39 +79,61 @@ def weight_arrays(
     }
 
 
-def _inertial(tree: Tree, moves: Moves, shapes: Mapping[str, Any], layout: Layout) -> tuple[Array, Array]:
-    """Numbers of the parameters that move inertia, of bodies and armatures, and their trees, in the order of these."""
-    root_of = _roots(tree)
-    armature = {layout.dof(dof): root_of[joint.body] for joint in tree.joints for dof in joint.dofs}
-    found = {}
-    for k, (begin, end) in enumerate(zip(moves.ptr[:-1], moves.ptr[1:], strict=True)):
-        for place in moves.idx[begin:end].tolist():
-            if place < layout.dof(0):
-                found[k] = root_of[place // layout.body_fields]
-            elif place in armature:
-                found[k] = armature[place]
-    kinds = shapes["shape_par"].reshape(-1, 1 if layout.dimension == 2 else 6)
-    for body, numbers in zip(shapes["shape_body"].tolist(), kinds.tolist(), strict=True):
-        found |= dict.fromkeys((k for k in numbers if k >= 0), root_of[body])
-    order = sorted(found, key=lambda k: (found[k], k))
-    return np.array(order, dtype=int), np.array([found[k] for k in order], dtype=int)
-
-
-def _roots(tree: Tree) -> list[int]:
-    """The root of the tree of each moving body."""
+def _trees(tree: Tree, reflecting: Array) -> Integers:
+    """The tree of each degree of freedom (nv,); lines whose slopes (n, nv) are ``reflecting`` inertia tie theirs."""
     roots: list[int] = []
     for k, body in enumerate(tree.bodies):
         roots.append(k if body.parent == WORLD else roots[body.parent])
-    return roots
+    trees = np.array([roots[joint.body] for joint in tree.joints for _ in joint.dofs], dtype=np.int32)
+    for slope in reflecting:
+        tied = np.unique(trees[slope != 0.0])
+        trees[np.isin(trees, tied)] = tied.min()
+    return trees
+
+
+def _inertial(
+    tree: Tree,
+    ptr: Array,
+    idx: Array,
+    shapes: Mapping[str, Any],
+    layout: Layout,
+    trees: Integers,
+    reflecting: Mapping[int, int],
+) -> tuple[Integers, Integers]:
+    """Numbers of the parameters that move inertia, of bodies and armatures, and their trees, in the order of these.
+
+    ``reflecting``: the trees of armatures by their places in P.
+    """
+    of_body = [int(trees[body.joints[0].dofs[0]]) for body in tree.bodies]
+    found = {}
+    for k, (begin, end) in enumerate(pairwise(ptr)):
+        for place in idx[begin:end].tolist():
+            if place < layout.dof(0):
+                found[k] = of_body[place // layout.body_fields]
+            elif place in reflecting:
+                found[k] = reflecting[place]
+    kinds = shapes["shape_par"].reshape(-1, 1 if layout.dimension == 2 else 6)
+    for body, numbers in zip(shapes["shape_body"].tolist(), kinds.tolist(), strict=True):
+        found |= dict.fromkeys((k for k in numbers if k >= 0), of_body[body])
+    order = sorted(found, key=lambda k: (found[k], k))
+    return integers(order), integers([found[k] for k in order])
 
 
 class _Weights:
     """Weights of the file, by what the core needs to compute them: a body and a point of it, or rows J."""
 
-    def __init__(self, model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None, trees: Array) -> None:
-        self.model, self.tree, self.plane, self.trees = model, tree, plane, trees
-        roots = _roots(tree)
-        self._root_of_dof = np.array([roots[joint.body] for joint in tree.joints for _ in joint.dofs], dtype=int)
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        tree: Tree,
+        plane: PlaneOfMotion | None,
+        trees: Integers,
+        owners: Integers,
+        reflected: Array,
+    ) -> None:
+        """``trees`` (nv,) of degrees of freedom and ``owners`` of parameters; ``reflected`` (nv, nv): by armatures."""
+        self.model, self.tree, self.plane = model, tree, plane
+        self.trees, self.owners = trees, owners
         self._spans: list[tuple[int, int]] = []
         self._bodies: list[int] = []
         self._points: list[Array] = []
@@ -114,7 +143,7 @@ class _Weights:
         self._data = mujoco.MjData(model)
         mujoco.mj_kinematics(model, self._data)
         mujoco.mj_comPos(model, self._data)
-        mass = np.diag(model.dof_armature)
+        mass = reflected.copy()
         for body in range(1, model.nbody):
             J, axes = self._jacobian(body), self._data.ximat[body].reshape(3, 3)
             turned = axes.T @ J[3:]
@@ -148,8 +177,9 @@ class _Weights:
         self._carried.append(carried)
         self._rows.append(rows)
         self._values.append(value)
-        roots = self._root_of_dof[J.any(axis=0)]  # of tendons: of several trees, and of those between them
-        self._spans.append((int(np.searchsorted(self.trees, roots.min())), int(np.searchsorted(self.trees, roots.max(), "right"))))
+        trees = self.trees[J.any(axis=0)]  # of tendons: several trees, and those between them
+        first, last = np.searchsorted(self.owners, trees.min()), np.searchsorted(self.owners, trees.max(), "right")
+        self._spans.append((int(first), int(last)))
         return len(self._values) - 1
 
     def arrays(self) -> dict[str, Any]:
@@ -193,6 +223,7 @@ def contact_factors(core: CoreArrays, factors: Array) -> Array:
     return softer
 
 
-def line_factors(weights: Array, factors: Array) -> Array:
+def line_factors(weights: Integers, factors: Array) -> Array:
     """The same of limits or lines, by their ``weights``: numbers, or -1."""
-    return np.append(factors, 1.0)[weights]
+    softer: Array = np.append(factors, 1.0)[weights]
+    return softer

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from cmbrl.scene.fittable.collector import Collector, Moves
+from cmbrl.scene.fittable.collector import Collector
 from cmbrl.scene.fittable.play import driven_by, plays
 from cmbrl.scene.forces.actuators import UNLIMITED, Actuator, force_limit
 from cmbrl.scene.layout import Layout
