@@ -150,11 +150,11 @@ class Evidence:
             0 if self.positions_only else int((self.measured & (self.sloped == 0)).sum())
         )
 
-    def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
-        """The model's parameters of ``theta`` (n,), and the log as its state and control."""
+    def seen(self, theta: np.ndarray, rows: np.ndarray | None = None) -> tuple[np.ndarray, Transitions]:
+        """The model's parameters of ``theta`` (n,), and the log, or ``rows`` (R,) of it, as its state and control."""
         physical, psi = self.observation.split(theta)
         observation = begun(self.observation, self.model, self.log, theta, SEVERAL)
-        return physical, observation.states(self.log, psi)
+        return physical, observation.states(self.log, psi, rows)
 
     def late(self, z: np.ndarray) -> bool:
         """Whether commands have a delay or a lag to speak of at ``z`` (n,)."""
