@@ -109,9 +109,9 @@ class Evidence:
 
         ``left`` (nv,): share of the change that a model leaves of a position; None: the same of all.
         """
-        return tuple(self._without_free(scales) for scales in self._scales(horizon, huber, noise, left))
+        return tuple(self.without_free(scales) for scales in self._scales(horizon, huber, noise, left))
 
-    def _without_free(self, scales: Scales) -> Scales:
+    def without_free(self, scales: Scales) -> Scales:
         """``scales`` that leave out joints which no log tells; predictions may start elsewhere there."""
         if not self.free:
             return scales
