@@ -90,6 +90,11 @@ class Journal:
         """Seconds of this run that count for a time limit."""
         return self._clock.busy if self.by_processor else self._clock.elapsed
 
+    @property
+    def stretch(self) -> float:
+        """Seconds that count for a time limit, for each that the work takes on a machine that does nothing else."""
+        return 1.0 if self.by_processor else self._clock.stretch
+
     def unit(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The outcome (JSON types) of the unit ``name``: from the journal, or computed and written.
 
