@@ -138,7 +138,9 @@ def test_record_is_repeatable_and_says_what_it_wrote(command, tmp_path: Path) ->
     assert (tmp_path / "new/a.npz").read_bytes() == (tmp_path / "new/b.npz").read_bytes()
 
 
-def test_fit_writes_a_run_folder_that_repeats_and_compares(command, place: Path) -> None:
+def test_fit_writes_a_run_folder_that_repeats_and_compares(
+    command, place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     done = command(*FIT, "--out", "run", cwd=place)
     assert done.returncode == 0, done.stderr
     assert "friction.foot_geom" in done.stdout
@@ -146,23 +148,24 @@ def test_fit_writes_a_run_folder_that_repeats_and_compares(command, place: Path)
     assert {"config.json", "environment.json", "fit.json", "model.json", "report.txt"} <= names
     assert json.loads((place / "run/environment.json").read_text())["versions"]["cmbrl"]
 
-    again = command("fit", "--config", "run/config.json", "--out", "again", "--json", "--threads", 1, cwd=place)
-    assert again.returncode == 0, again.stderr
+    monkeypatch.chdir(place)  # what follows needs no process of its own
+    capsys.readouterr()
+    assert main(["fit", "--config", "run/config.json", "--out", "again", "--json", "--threads", "1"]) == 0
     parameters = json.loads((place / "run/fit.json").read_text())["parameters"]
-    assert json.loads(again.stdout)["parameters"] == parameters  # any number of threads
+    assert json.loads(capsys.readouterr().out)["parameters"] == parameters  # any number of threads
 
-    other = command(*FIT, "--out", "run", cwd=place)
-    assert (other.returncode, other.stderr.count("\n")) == (2, 1)
-    assert "--resume" in other.stderr
-    resumed = command(*FIT, "--out", "run", "--resume", cwd=place)
-    assert resumed.returncode == 0, resumed.stderr
+    assert main([*FIT, "--out", "run"]) == 2
+    told = capsys.readouterr().err
+    assert told.count("\n") == 1
+    assert "--resume" in told
+    assert main([*FIT, "--out", "run", "--resume"]) == 0
     assert json.loads((place / "run/fit.json").read_text())["parameters"] == parameters
 
-    table = command(
-        "error", "--data", "log.npz", "hold", "nominal", "run", "--horizons", 1, 5, "--out", "error", cwd=place
-    )
-    assert table.returncode == 0, table.stderr
-    assert all(model in table.stdout for model in ("hold", "nominal", "run"))
+    capsys.readouterr()
+    compared = ["error", "--data", "log.npz", "hold", "nominal", "run", "--horizons", "1", "5", "--out", "error"]
+    assert main(compared) == 0
+    table = capsys.readouterr().out
+    assert all(model in table for model in ("hold", "nominal", "run"))
     assert {entry["model"] for entry in json.loads((place / "error/error.json").read_text())["entries"]} >= {
         "hold",
         "run",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Mapping
 from functools import cache, partial
 from pathlib import Path
@@ -119,50 +120,57 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     if arguments.all_parameters and arguments.groups:
         raise UserError("--all-parameters and --groups exclude each other: drop one")
+    started = time.monotonic(), time.process_time()
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact)
-    data = load_logs(arguments.data, source.scene)
     out = Path(arguments.out)
     check = partial(check_folder, out, "fit", ("state.json", RESULT), arguments.resume)
-    check()
     start = start_values(source.scene, dict(arguments.set))
-
-    # imports torch: only now, so that an error above shows at once
-    from cmbrl.fitting import FitResult, fit, fit_or_played, keep
-
-    model = source.model(
-        None if source.task is None else next(iter(data.values())),  # a fit chooses the steps of a file
-        time_step=arguments.time_step,
-        integrator=arguments.integrator,
-        sliding=arguments.sliding,
-        parameters=start,
-        threads=arguments.threads or usable_cores(),
-    )
-    # `fit` reports progress only after every check of its input: until then nothing may be written.
+    # Until all input is checked, the share that is done is 0, and nothing may be written.
     write_configuration = cache(lambda: write_run(out, "fit", resolved(arguments)))
 
-    with alone_in(out), fraction(f"fit {source.scene.name}") as show:
-        check()  # once more: another run may have ended there meanwhile
+    with fraction(f"fit {source.scene.name}") as show:
+        show(0.0, "reading the log")
+        data = load_logs(arguments.data, source.scene)
+        check()
+
+        # imports torch: only now, so that an error above shows at once
+        from cmbrl.fitting import FitResult, fit, fit_or_played, keep
+        from cmbrl.fitting.clock import Clock
+
+        model = source.model(
+            None if source.task is None else next(iter(data.values())),  # a fit chooses the steps of a file
+            time_step=arguments.time_step,
+            integrator=arguments.integrator,
+            sliding=arguments.sliding,
+            parameters=start,
+            threads=arguments.threads or usable_cores(),
+        )
 
         def progress(done: float, text: str) -> None:
-            write_configuration()
+            if done > 0.0:
+                write_configuration()
             show(done, text)
 
         search = fit if arguments.no_play else partial(fit_or_played, within_limit=True)
-        result = search(
-            model,
-            data,
-            seed=arguments.seed,
-            method=arguments.method,
-            groups="all" if arguments.all_parameters else arguments.groups,
-            horizon=arguments.horizon,
-            holdout=arguments.holdout,
-            folder=out,
-            progress=progress,
-            time_limit=arguments.time_limit,
-        )
-        if arguments.set:
-            result.report["set"] = sorted(dict(arguments.set))
-        saved = FitResult.load(keep(result, model.scene, out, source.task.name if source.task else None))
+        with alone_in(out):
+            check()  # once more: another run may have ended there meanwhile
+            result = search(
+                model,
+                data,
+                seed=arguments.seed,
+                method=arguments.method,
+                groups="all" if arguments.all_parameters else arguments.groups,
+                horizon=arguments.horizon,
+                holdout=arguments.holdout,
+                folder=out,
+                progress=progress,
+                time_limit=arguments.time_limit,
+                begun=Clock(*started) if arguments.time_limit else None,
+            )
+            if arguments.set:
+                result.report["set"] = sorted(dict(arguments.set))
+            show(1.0, "writing the result")
+            saved = FitResult.load(keep(result, model.scene, out, source.task.name if source.task else None))
     print(json.dumps(read_record(out / RESULT, "fit again"), indent=2) if arguments.json else saved.report_text())
     if result.report["stopped"] == "interrupted":
         print(f"cmbrl: interrupted: the best fit so far is in {out}; continue it with --resume", file=sys.stderr)

@@ -19,6 +19,7 @@ _HALF_WIDTHS = (2, 3, 4, 6, 8, 12, 16)  # samples on each side
 _WIDER, _LONGEST = (24, 32, 48, 64), 0.064  # the same of fast logs, up to so long [s]
 _DEGREES = (2, 4)
 _LEAST = 5  # samples of an episode that a parabola can smooth
+_AT_ONCE = 10_000  # rows whose neighbours are in memory together
 
 
 @dataclass(frozen=True)
@@ -36,43 +37,70 @@ def smooth(samples: np.ndarray, dt: float, episode: np.ndarray) -> Smoothed:
     Episodes of fewer than 5 samples keep their values, with differences as rates.
     """
     parts = [slice(int(rows[0]), int(rows[-1]) + 1) for rows in _blocks(episode)]
-    longest = max(part.stop - part.start for part in parts)
-    shared, trials = lasts(samples, dt, parts), []
-    for polynomial in _polynomials(longest, dt):
-        value, rate, error = _with(polynomial, samples, dt, parts)
-        for count in np.unique(shared[shared > 1]).tolist():
-            own = shared == count
-            error[own] = _predicted(polynomial, samples[:, own], parts, count)
-        trials.append((value, rate, error))
-    best = np.array([error for _, _, error in trials]).argmin(axis=0)
-    columns = np.arange(samples.shape[1])
-    value, rate = (np.stack([trial[part] for trial in trials])[best, :, columns].T for part in (0, 1))
-    errors = np.sqrt(np.stack([error for _, _, error in trials])[best, columns])
-    return Smoothed(np.ascontiguousarray(value), np.ascontiguousarray(rate), errors)
+    polynomials = _polynomials(max(part.stop - part.start for part in parts), dt)
+    shared = lasts(samples, dt, parts)
+    squares = np.stack([_squares_left(polynomial, samples, parts, shared) for polynomial in polynomials])
+    best, columns = squares.argmin(axis=0), np.arange(samples.shape[1])
+    value, rate = np.empty_like(samples), np.empty_like(samples)
+    for k in np.unique(best).tolist():  # only what is best is kept: all of them are many times the log
+        own = best == k
+        value[:, own], rate[:, own] = _with(polynomials[k], samples[:, own], dt, parts)
+    return Smoothed(value, rate, np.sqrt(squares[best, columns]))
 
 
 def _with(
     polynomial: tuple[int, int], samples: np.ndarray, dt: float, parts: list[slice]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Values, rates, and the mean square (n,) of what is left of a sample when its neighbours alone predict it."""
+) -> tuple[np.ndarray, np.ndarray]:
+    """Values and rates."""
     value, rate = samples.copy(), np.zeros_like(samples)
+    for part in parts:
+        x = samples[part]
+        if len(x) < _LEAST:
+            if len(x) > 1:
+                rate[part] = np.gradient(x, dt, axis=0)
+            continue
+        half, weights = _weights(polynomial, len(x))
+        value[part] = _applied(weights[0], x, half)
+        rate[part] = _applied(weights[1], x, half) / dt
+    return value, rate
+
+
+def _applied(weights: np.ndarray, x: np.ndarray, half: int) -> np.ndarray:
+    """``weights`` (w, w) of the places in a window, for each row of ``x`` (T, n); at the ends it is not central."""
+    before, after = weights[:half] @ x[: len(weights)], weights[half + 1 :] @ x[-len(weights) :]
+    return np.concatenate([before, _central(weights[half], x), after])
+
+
+def _central(weights: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The same (T - w + 1, n) of the rows whose window is central, by its ``weights`` (w,)."""
+    found = np.empty((len(x) - len(weights) + 1, x.shape[1]))
+    for k, column in enumerate(np.ascontiguousarray(x.T)):
+        found[:, k] = np.correlate(column, weights, "valid")
+    return found
+
+
+def _squares_left(
+    polynomial: tuple[int, int], samples: np.ndarray, parts: list[slice], shared: np.ndarray
+) -> np.ndarray:
+    """Mean square (n,) of what is left of a sample when its neighbours alone predict it.
+
+    Of columns whose noise is ``shared`` (n,) by so many samples, those neighbours are not asked.
+    """
     squares, count = np.zeros(samples.shape[1]), 0
     for part in parts:
-        rows = part.stop - part.start
-        if rows < _LEAST:
-            if rows > 1:
-                rate[part] = np.gradient(samples[part], dt, axis=0)
+        x = samples[part]
+        if len(x) < _LEAST:
             continue
-        half, weights = _weights(polynomial, rows)
-        windows = np.lib.stride_tricks.sliding_window_view(samples[part], 2 * half + 1, axis=0)  # (rows - 2 half, n, w)
-        own = np.arange(rows).clip(half, rows - 1 - half) - half  # the window of a row; at the ends it is not central
-        place = np.arange(rows) - own
-        value[part] = np.einsum("rnw,rw->rn", windows[own], weights[0][place])
-        rate[part] = np.einsum("rnw,rw->rn", windows[own], weights[1][place]) / dt
-        left = (samples[part] - value[part]) / (1.0 - weights[0][place, place])[:, None]
-        squares += (left[half : rows - half] ** 2).sum(axis=0)
-        count += rows - 2 * half
-    return value, rate, squares / max(count, 1)
+        half, weights = _weights(polynomial, len(x))
+        central = weights[0][half]
+        left = (x[half : len(x) - half] - _central(central, x)) / (1.0 - central[half])
+        squares += np.square(left).sum(axis=0)
+        count += len(left)
+    found = squares / max(count, 1)
+    for lag in np.unique(shared[shared > 1]).tolist():
+        own = shared == lag
+        found[own] = _predicted(polynomial, samples[:, own], parts, lag)
+    return found
 
 
 def _predicted(polynomial: tuple[int, int], samples: np.ndarray, parts: list[slice], count: int) -> np.ndarray:
@@ -86,8 +114,9 @@ def _predicted(polynomial: tuple[int, int], samples: np.ndarray, parts: list[sli
         if away.sum() <= polynomial[0] + 1:
             return np.full(samples.shape[1], np.inf)
         powers = steps[away, None] ** np.arange(polynomial[0] + 1)
-        windows = np.lib.stride_tricks.sliding_window_view(x, 2 * half + 1, axis=0)
-        left = x[half : len(x) - half] - windows[:, :, away] @ np.linalg.pinv(powers.astype(float))[0]
+        weights = np.zeros(2 * half + 1)
+        weights[away] = np.linalg.pinv(powers.astype(float))[0]
+        left = x[half : len(x) - half] - _central(weights, x)
         squares += np.square(left).sum(axis=0)
         rows += len(left)
     return squares / max(rows, 1)
@@ -122,11 +151,13 @@ def _rotations_with(
         half, weights = _weights(polynomial, rows)
         first = np.arange(rows).clip(half, rows - 1 - half) - half
         place = np.arange(rows) - first
-        near = samples[first[:, None] + np.arange(2 * half + 1)]  # (rows, w, 4)
-        away = rotation_between(np.broadcast_to(samples[:, None], near.shape), near)
-        offset = np.einsum("rwn,rw->rn", away, weights[0][place])
-        rate[part] = np.einsum("rwn,rw->rn", away, weights[1][place]) / dt
-        value[part] = rotate_by(samples, offset)
+        offset, turn = np.empty((2, rows, 3))
+        for some in np.array_split(np.arange(rows), -(-rows // _AT_ONCE)):
+            near = samples[first[some, None] + np.arange(2 * half + 1)]  # (s, w, 4)
+            away = rotation_between(np.broadcast_to(samples[some, None], near.shape), near)
+            offset[some] = np.einsum("rwn,rw->rn", away, weights[0][place[some]])
+            turn[some] = np.einsum("rwn,rw->rn", away, weights[1][place[some]])
+        rate[part], value[part] = turn / dt, rotate_by(samples, offset)
         left = offset / (1.0 - weights[0][place, place])[:, None]
         squares += (left[half : rows - half] ** 2).sum(axis=0)
         count += rows - 2 * half

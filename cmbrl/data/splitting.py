@@ -61,7 +61,6 @@ def row_numbers(rows: Any, count: int) -> np.ndarray:
 
 def window_starts(log: Fields, k: int) -> np.ndarray:
     """Rows that start k consecutive transitions: int64, ascending, overlapping; empty if no episode is that long."""
-    k = whole(k, "k, the transitions of a window,")
     rows = len(log["q"])
     if rows < k:
         return np.empty(0, dtype=np.int64)

@@ -34,6 +34,9 @@ def stale(x: np.ndarray) -> np.ndarray:
     if len(changed) < 4:
         return found
     moved, rows = np.diff(x[changed]), np.diff(changed)
+    short = (rows > 1) & (rows <= LONGEST)
+    if not short.any():
+        return found
     rate = moved / rows
     before, here, after = rate[:-2], rate[1:-1], rate[2:]
     around = 0.5 * (before + after)
@@ -41,7 +44,6 @@ def stale(x: np.ndarray) -> np.ndarray:
     passes = (before * after > 0.0) & (np.minimum(np.abs(before), np.abs(after)) >= _COUNTS * count)
     goes_on = passes & (here * after > 0.0)
     caught_up = np.abs(here - around) < _CLOSER * np.abs(moved[1:-1] - around)
-    short = (rows > 1) & (rows <= LONGEST)
     own = np.concatenate([[False], goes_on & caught_up, [False]]) & short
     if rows[own].sum() >= _SLOWER * len(x):
         own = short

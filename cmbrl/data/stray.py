@@ -29,6 +29,10 @@ def stray(x: np.ndarray, commanded: bool = False) -> np.ndarray:
     if len(x) <= 2 * LONGEST:
         return none
     bend = np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
+    place = int(_USUAL * (len(bend) - 1))
+    least = float(np.partition(bend, place)[place])  # of ``usual``: most columns need no more
+    if least > 0.0 and bend.max() <= 0.5 * max(_FAR * least, _LEAST):
+        return none
     usual = float(np.quantile(bend, _USUAL))
     if usual <= 0.0 or bend.max() <= 0.5 * max(_FAR * usual, _LEAST):
         return none

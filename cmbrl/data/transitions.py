@@ -11,8 +11,9 @@ import numpy as np
 
 from cmbrl.data import checks, splitting, turns
 from cmbrl.data.fields import ROWS, Fields
+from cmbrl.data.remembered import remembered
 from cmbrl.errors import UserError
-from cmbrl.numbers import names, shown
+from cmbrl.numbers import names, shown, whole
 
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
@@ -94,7 +95,8 @@ class Transitions:
 
     def windows(self, k: int) -> np.ndarray:
         """Rows (int64) that start k consecutive transitions, each from the state in which the last one ended."""
-        return splitting.window_starts(self.fields(), k)
+        steps = whole(k, "k, the transitions of a window,")
+        return remembered(self, ("windows", steps), lambda: splitting.window_starts(self.fields(), steps))
 
     def normalised(self, scene: Scene) -> Transitions:
         """The same log with quaternions of norm 1, for a log that passed ``check``."""

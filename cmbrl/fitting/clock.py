@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+_MOST_STRETCH = 5.0  # what is read from a slow disk, say, says nothing of the processor
+
 
 @dataclass(frozen=True)
 class Clock:
@@ -27,3 +29,8 @@ class Clock:
     def busy(self) -> float:
         """The same without what other processes took: of one thread, its processor time; of many, what passed."""
         return min(self.elapsed, time.process_time() - self.processor)
+
+    @property
+    def stretch(self) -> float:
+        """How many seconds have passed for each busy one: more than 1 where other processes take their share."""
+        return min(max(self.elapsed / max(self.busy, 1e-3), 1.0), _MOST_STRETCH)

@@ -22,14 +22,13 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.choice.play_shown import gaps_to_try, play_shown
 from cmbrl.fitting.clock import Clock
 from cmbrl.fitting.course import INTERRUPTED, SEARCHES, Course
-from cmbrl.fitting.log.columns import ColumnsCheck
+from cmbrl.fitting.log.checking import checked
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.horizons import horizons_of
-from cmbrl.fitting.log.mount import MountCheck
 from cmbrl.fitting.log.noise import sensor_noise
-from cmbrl.fitting.log.rate import RateCheck
 from cmbrl.fitting.outcome.report import conclude
 from cmbrl.fitting.outcome.verdict import by_horizon
+from cmbrl.fitting.pace import ALLOWED
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.search.cma import require_library
 from cmbrl.fitting.search.folds import draw_starts, fold_count
@@ -80,7 +79,7 @@ def fit(
         budget: how much work each part may do; default: by the coordinates that are compared, and by whether the log
             has noise (``Budget.of``).
         folder: where to keep the state, so that a killed fit can resume; nothing else is written.
-        progress: called with (fraction done, current activity).
+        progress: called with (fraction done, current activity); the fraction is 0 until the input is checked.
         time_limit: seconds that the fit may take. Where they are too few, every part of it does less (``pace``), and
             one that takes too long ends with the best so far. ``report["pace"]`` and ``report["stopped"]`` record it.
             None: 250 s of processor time, which only robots that step slowly come near.
@@ -96,6 +95,8 @@ def fit(
     one_of(method, METHODS, "method")
     if method == "cma":
         require_library()
+    tell = progress or _silent
+    tell(0.0, "reading the log")
     evidence = Evidence.of(model, data, joining=horizon == "auto")
     evidence = replace(evidence, noisy=_noisy(evidence))
     huber = real(huber, "huber", above=0.0, most=1e6)
@@ -109,15 +110,11 @@ def fit(
     wanted = space.default if all_of_them else None if groups is None else space.columns(_names(groups))
     count = fold_count(log, holdout, needed=groups is None and not with_laws)
     draw_starts(log, min(horizons), 1, seed)  # raises for a log whose episodes are shorter
-    checks: list[RateCheck | MountCheck | ColumnsCheck] = []
-    checks += [RateCheck(evidence, min(horizons), huber, seed)] if evidence.positions_only else []
-    checks += [MountCheck(evidence, huber, seed), ColumnsCheck(evidence, huber, seed)]
-    for check in checks:
-        if (found := check.finding()) is not None:
-            found.tell()  # raises where it is sure
     settings = [seed, method, None if wanted is None else wanted.tolist(), horizons, count, polish, huber]
     journal = Journal(folder, _fingerprint(evidence.model, log, settings, asdict(budget)), progress, started)
     journal.by_processor = time_limit is None
+    limit = ALLOWED if time_limit is None else time_limit
+    unchecked = checked(evidence, min(horizons), huber, seed, journal, limit)  # raises for what is surely wrong
     course = Course(
         evidence, budget, journal, seed, huber, count, horizons, method, polish, wanted, with_laws,
         confirms=all_of_them, time_limit=time_limit,
@@ -131,7 +128,7 @@ def fit(
     if stopped != INTERRUPTED:
         with course.part("report"), suppress(KeyboardInterrupt):  # advice: the fit is complete without it
             shown = _play(course)
-    result.report.update(play=shown, gaps=gaps_to_try(result.model.scene, shown))
+    result.report.update(play=shown, gaps=gaps_to_try(result.model.scene, shown), unchecked=unchecked)
     return result
 
 
@@ -157,6 +154,10 @@ def _concluded(course: Course, stopped: str | None) -> FitResult:
         evidence.model, evidence.log, evidence.space, loss, told, course.held_out, incumbent, journal, about,
         course.discrepancy(), budget, course.movable,
     )  # fmt: skip
+
+
+def _silent(done: float, text: str) -> None:
+    """Tells nobody."""
 
 
 def _play(course: Course) -> list[dict[str, Any]]:

@@ -51,6 +51,7 @@ _WAYS = 6  # fits of one pass that those over the shortest horizon take besides:
 _LEVELS = 16  # of armature and damping, in ``beginning``
 _DISCREPANCIES = 9  # linearisations of the log that tell how far a wrong model's parameters move
 _BISECTIONS = 5  # sets of draws
+_DECOMPOSITIONS = 12  # of all parameters, for intervals and what is told only together
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Speed:
     """Seconds for a row: of ``settling`` its start and its error, its ``equations``, one ``candidate``, a ``step``.
 
     ``together``: rows whose equations take as long as those of one: the windows that fill the lanes of the core.
+    ``algebra``: seconds of a singular value decomposition as large as there are parameters.
     """
 
     settling: float
@@ -65,6 +67,7 @@ class Speed:
     candidate: float
     step: float
     together: int = 1
+    algebra: float = 0.0
 
     @classmethod
     def of(cls, evidence: Evidence, horizon: int, huber: float, active: np.ndarray, seed: int) -> Speed:
@@ -81,7 +84,9 @@ class Speed:
         more = 0 if began.busy > _VERY_LONG else _PASSES
         passes = [cls._once(loss, evidence.space, active) for _ in range(more)] or [first]
         settling, equations, candidate, step = np.min(passes, axis=0).tolist()
-        return cls(settling, equations, candidate, step, min(together, loss.steps))
+        began = Clock.now()
+        np.linalg.svd(np.random.default_rng(seed).standard_normal((active.sum(), active.sum())))
+        return cls(settling, equations, candidate, step, min(together, loss.steps), began.busy)
 
     @staticmethod
     def _once(loss: PredictionLoss, space: Space, active: np.ndarray) -> np.ndarray:
@@ -184,7 +189,8 @@ class Plan:
             "held out": judge,
             "logs": (self.logs > 1) * self.logs * 4 * judge,
             "stepping": self.states * stepping,
-            "report": lines + draws + self.states * 2 * reported + 3 * some(b.polish_rows) * speed.settling,
+            "report": lines + draws + self.states * 2 * reported + 3 * some(b.polish_rows) * speed.settling
+            + _DECOMPOSITIONS * speed.algebra,
         }  # fmt: skip
 
 
@@ -201,6 +207,7 @@ class Pace:
     plan: Plan
     shares: dict[str, float] = field(default_factory=dict)
     asked: bool = True
+    stretch: float = 1.0  #: seconds of the limit that pass for each that ``speed`` tells of
 
     def begin(self, part: str, journal: Journal, known: list[Any]) -> Budget:
         """The budget of ``part``, which begins now; ``known`` (JSON types): the outcome of all parts before.
@@ -208,7 +215,7 @@ class Pace:
         A resumed fit has the shares of before. Units that are not those of a fit with time are named by what they
         depend on.
         """
-        journal.label = ""
+        journal.label, self.stretch = "", journal.stretch
         at = f"pace of {part} in {self.limit:g} s"
         self.shares[part] = journal.unit(at, lambda: {"share": self.share(part, journal.spent)})["share"]
         budget = self.budget.shrunk(self.shares[part])
@@ -244,4 +251,5 @@ class Pace:
 
     def _ahead(self, part: str, share: float) -> dict[str, float]:
         costs = self.plan.costs(self.budget.shrunk(share), self.speed, share)
-        return {name: (1.0 if self.asked else _TAKEN) * costs[name] for name in PARTS[PARTS.index(part) :]}
+        taken = self.stretch * (1.0 if self.asked else _TAKEN)
+        return {name: taken * costs[name] for name in PARTS[PARTS.index(part) :]}

@@ -39,6 +39,7 @@ def fit_or_played(
     progress: Callable[[float, str], None] | None = None,
     time_limit: float | None = None,
     within_limit: bool = False,
+    begun: Clock | None = None,
     **options: Any,
 ) -> FitResult:
     """``fit(model, data, ...)``, or that of the same file with play, if the first one shows play at some joint.
@@ -47,9 +48,10 @@ def fit_or_played(
     compared. ``report["with_play"]`` tells which "gaps" were tried, the share of the "error" that they leave, whether
     they were "taken", and the "seconds" of both fits. Not tried where ``options`` name the groups that may move.
     ``within_limit``: both fits together take no longer than one may, and the second is left out where little of that
-    remains. A killed pair of fits resumes from ``folder``. Raises what the first ``fit`` raises.
+    remains. ``begun``: when that time began; default: now. A killed pair of fits resumes from ``folder``. Raises what
+    the first ``fit`` raises.
     """
-    begun = Clock.now()
+    begun = begun or Clock.now()
     found = fit(model, data, folder=folder, progress=progress, time_limit=time_limit, begun=begun, **options)
     gaps, limit = found.report["gaps"], ALLOWED if time_limit is None else time_limit
     if not gaps or found.report["stopped"] == "interrupted" or options.get("groups") not in (None, "all"):

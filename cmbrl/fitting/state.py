@@ -1,7 +1,7 @@
 """The journal of a fit: records finished work, so that a killed fit resumes without repeating it.
 
-A fit is a deterministic function of its losses. The journal stores these losses and the outcome of each finished unit
-of work, but no state of a search: a resumed fit runs the same code to the same numbers.
+A fit is a deterministic function of its losses and steps. The journal stores the outcome of each finished unit of work,
+and these of the unfinished one, but no state of a search: a resumed fit runs the same code to the same numbers.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,7 @@ from cmbrl.files import check_writable, read_record, write_record
 from cmbrl.fitting.clock import Clock
 
 _FILE = "state.json"
-_SECONDS_BETWEEN_WRITES = 0.5
+_SECONDS_BETWEEN_WRITES, _OF_WRITING = 0.5, 20.0  # at least, and times as long as the last one took
 
 
 def digest(inputs: Any) -> str:
@@ -57,7 +57,7 @@ class Journal:
         self.seconds_before = 0.0
         self.label, self.cuts = "", 0
         self._fingerprint, self._progress = fingerprint, progress
-        self._written = time.monotonic()
+        self._written, self._writing, self._unit = time.monotonic(), 0.0, ""
         self._clock = Clock.now() if started is None else started
         self.by_processor = False
         self._end: float | None = None
@@ -90,14 +90,23 @@ class Journal:
         """Seconds of this run that count for a time limit."""
         return self._clock.busy if self.by_processor else self._clock.elapsed
 
+    @property
+    def stretch(self) -> float:
+        """Seconds that count for a time limit, for each that the work takes on a machine that does nothing else."""
+        return 1.0 if self.by_processor else self._clock.stretch
+
     def unit(self, name: str, compute: Callable[[], dict[str, Any]]) -> dict[str, Any]:
         """The outcome (JSON types) of the unit ``name``: from the journal, or computed and written.
 
         One that time has cut short is not kept, so that a resumed fit has it whole.
         """
-        name, cuts = self.label + name, self.cuts
+        name, cuts, outer = self.label + name, self.cuts, self._unit
         if name not in self.units:
-            outcome = compute()
+            self._unit = name
+            try:
+                outcome = compute()
+            finally:
+                self._unit = outer
             if self.cuts > cuts:
                 return outcome
             self.units[name] = outcome
@@ -110,11 +119,24 @@ class Journal:
 
         Raises OutOfTime instead of computing beyond the end.
         """
-        known = self.rounds.setdefault(self.label + search, [])
+        return self._round(self.label + search, index, lambda: np.fmin(compute(), 1e300))  # JSON has no infinity
+
+    def step(self, search: Sequence[float], index: int, compute: Callable[[], np.ndarray]) -> np.ndarray:
+        """Numbers of step ``index`` of a search in the unit that runs: as ``losses``.
+
+        ``search``: what tells it from others of its unit, as where it began. All numbers are finite.
+        """
+        if not self._unit:  # nothing would forget it
+            self.check_time()
+            return compute()
+        return self._round(f"{self._unit}, from {digest(list(search))}", index, compute)
+
+    def _round(self, name: str, index: int, compute: Callable[[], np.ndarray]) -> np.ndarray:
+        known = self.rounds.setdefault(name, [])
         if index >= len(known):
             self.check_time()
-            known.append([float(x) for x in np.fmin(compute(), 1e300)])  # JSON has neither infinity nor NaN
-            if time.monotonic() - self._written > _SECONDS_BETWEEN_WRITES:
+            known.append([float(x) for x in compute()])
+            if time.monotonic() - self._written > max(_SECONDS_BETWEEN_WRITES, _OF_WRITING * self._writing):
                 self.write()
         return np.array(known[index])
 
@@ -148,7 +170,7 @@ class Journal:
     def write(self) -> None:
         """Writes the journal, if it has a folder."""
         if self.path is not None:
-            self._written = time.monotonic()
+            begun = time.monotonic()
             write_record(
                 self.path,
                 {
@@ -158,3 +180,10 @@ class Journal:
                     "rounds": self.rounds,
                 },
             )
+            self._written = time.monotonic()
+            self._writing = self._written - begun
+
+    def discard(self) -> None:
+        """Removes what this run has written, if it was the first in its folder."""
+        if self.path is not None and not self.resumed:
+            self.path.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cmbrl.data.remembered import remembered
 from cmbrl.errors import UserError
 from cmbrl.models.deviations import REST
 
@@ -74,10 +75,14 @@ class Scales:
         ``noise`` (2 nv,): of what starts of predictions may be off by. ``left`` (nv,): share of the change that a model
         leaves of each coordinate; of which it leaves less than usual, the units are smaller, so that all weigh as much.
         """
-        starts = data.windows(horizon)
-        change = scene.difference(data.q[starts], data.q_next[starts + horizon - 1])
+
+        def change() -> np.ndarray:
+            starts = data.windows(horizon)
+            return spread(scene.difference(data.q[starts], data.q_next[starts + horizon - 1]))
+
+        usual = remembered(data, ("change", scene, horizon), change)
         finer = 1.0 if left is None else np.clip(left / _NOISE_SHARE, _FINEST, 1.0)
-        units = np.hypot(spread(change) * finer, least_units(scene, data))
+        units = np.hypot(usual * finer, least_units(scene, data))
         return cls(units, np.full(data.v.shape[1], np.inf), huber, noise, _START_SHARE)
 
     @property
@@ -201,6 +206,10 @@ def blocks_of(data: Transitions) -> np.ndarray:
 
     Each of several logs is divided by itself.
     """
+    return remembered(data, "blocks", lambda: _blocks_of(data))
+
+
+def _blocks_of(data: Transitions) -> np.ndarray:
     blocks, known = np.zeros(len(data), dtype=np.int64), 0
     for k in np.unique(data.recording):
         rows = np.flatnonzero(data.recording == k)
@@ -230,6 +239,10 @@ def noise_of_positions(scene: Scene, data: Transitions) -> np.ndarray:
 
     Sixth differences tell noise: they are hardly any of what moves, and the median does not look at impacts.
     """
+    return remembered(data, ("noise of positions", scene), lambda: _noise_of_positions(scene, data))
+
+
+def _noise_of_positions(scene: Scene, data: Transitions) -> np.ndarray:
     order = len(_DIFFERENCES)
     rows = data.windows(order)
     if len(rows) < _LEAST_TOLD:

@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import cmbrl
 from cmbrl.data.transitions import Transitions
+from cmbrl.fitting import Budget
 from cmbrl.models.between.observation import Observation
 from cmbrl.models.log_windows import Predicted
 from cmbrl.models.windows import Windows
@@ -194,3 +196,24 @@ def carts() -> SimpleNamespace:
         return CartModel(scene, theta)
 
     return SimpleNamespace(model=lambda n=1: CartModel(CartScene(n)), truth=truth, record=record, Model=CartModel)
+
+
+QUICK = Budget(trial_rounds=3, trial_population=16, search_rounds=4, search_population=16)
+
+
+@pytest.fixture(scope="session")
+def two_carts(carts: SimpleNamespace) -> Transitions:
+    """A log of two carts: a motor at .7 of its strength, on a slope."""
+    return carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=20, steps=40, noise=1e-3)
+
+
+@pytest.fixture(scope="session")
+def whole_fit(carts: SimpleNamespace, two_carts: Transitions) -> cmbrl.FitResult:
+    """The usual fit of that log, to compare others with."""
+    return cmbrl.fit(carts.model(2), two_carts)
+
+
+@pytest.fixture(scope="session")
+def quick_fit(carts: SimpleNamespace, two_carts: Transitions) -> cmbrl.FitResult:
+    """The same by ``QUICK``."""
+    return cmbrl.fit(carts.model(2), two_carts, budget=QUICK)

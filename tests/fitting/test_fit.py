@@ -7,24 +7,24 @@ import pytest
 
 import cmbrl
 from cmbrl.errors import UserError
-from cmbrl.fitting import Budget, FittedParameter
+from cmbrl.fitting import FittedParameter
 from cmbrl.fitting import state as state_module
 from cmbrl.fitting.outcome import report_text
 
-QUICK = Budget(trial_rounds=3, trial_population=16, search_rounds=4, search_population=16)
+from .conftest import QUICK
 
 
 @pytest.fixture(scope="module")
-def data(carts):
-    return carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=20, steps=40, noise=1e-3)
+def data(two_carts):
+    return two_carts
 
 
 def _values(result):
     return {name: p.value for name, p in result.parameters.items()}
 
 
-def test_fits_what_differs_and_nothing_else(carts, data):
-    result = cmbrl.fit(carts.model(2), data)
+def test_fits_what_differs_and_nothing_else(whole_fit):
+    result = whole_fit
     for name, truth in {"gear.1": 0.7, "tilt": 0.4}.items():
         parameter = result.parameters[name]
         assert parameter.value == pytest.approx(truth, rel=0.02)
@@ -72,8 +72,8 @@ def test_start_of_the_model_is_the_prior(carts, data):
     assert result.parameters["gear.1"].value == pytest.approx(0.7, rel=0.02)
 
 
-def test_same_seed_same_fit(carts, data):
-    first, again, other = (cmbrl.fit(carts.model(2), data, seed=s, budget=QUICK) for s in (3, 3, 4))
+def test_same_seed_same_fit(carts, data, whole):
+    first, again, other = whole, *(cmbrl.fit(carts.model(2), data, seed=s, budget=QUICK) for s in (0, 4))
     assert _values(first) == _values(again)
     assert first.report["loss"] == again.report["loss"]
     assert first.report["loss"] != other.report["loss"]  # other candidates, other folds
@@ -97,8 +97,8 @@ def _killed_after(model, calls, error, times=1000):
 
 
 @pytest.fixture(scope="module")
-def whole(carts, data):
-    return cmbrl.fit(carts.model(2), data, budget=QUICK)
+def whole(quick_fit):
+    return quick_fit
 
 
 @pytest.mark.parametrize("calls", [20, 100, 180])

@@ -22,8 +22,8 @@ Slow = Callable[[float], Any]
 
 
 @pytest.fixture
-def data(carts):
-    return carts.record(carts.truth(2, gear_1=0.7, tilt=0.4), episodes=20, steps=40, noise=1e-3)
+def data(two_carts):
+    return two_carts
 
 
 @pytest.fixture
@@ -61,16 +61,15 @@ def values(result: Any) -> dict[str, float]:
     return {name: p.value for name, p in result.parameters.items()}
 
 
-def test_a_limit_that_is_long_enough_changes_nothing(carts, data, slow, clock, tmp_path: Path) -> None:
-    whole = cmbrl.fit(carts.model(2), data)
+def test_a_limit_that_is_long_enough_changes_nothing(data, whole_fit, slow, clock, tmp_path: Path) -> None:
     result = cmbrl.fit(slow(1e-3), data, time_limit=1e5, folder=tmp_path)
-    assert values(result) == values(whole)
+    assert values(result) == values(whole_fit)
     assert (result.report["pace"], result.report["stopped"]) == (None, None)
-    without = {k: v for k, v in whole.report.items() if k not in ("seconds", "resumed")}
+    without = {k: v for k, v in whole_fit.report.items() if k not in ("seconds", "resumed")}
     assert {k: result.report[k] for k in without} == without
     before = clock.now
     again = cmbrl.fit(slow(1e-3), data, time_limit=1e5, folder=tmp_path)
-    assert values(again) == values(whole)
+    assert values(again) == values(whole_fit)
     assert clock.now - before < 0.5 * before  # from the journal, but for errors and intervals
 
 
@@ -100,13 +99,12 @@ def test_without_a_limit_a_fit_has_some_seconds_of_the_processor(data, slow, clo
     assert "give more by --time-limit" in " ".join(result.report_text().split())
 
 
-def test_what_was_done_in_a_hurry_is_done_again_without_a_limit(carts, data, slow, tmp_path: Path) -> None:
-    whole = cmbrl.fit(carts.model(2), data)
+def test_what_was_done_in_a_hurry_is_done_again_without_a_limit(carts, data, whole_fit, slow, tmp_path: Path) -> None:
     hurried = cmbrl.fit(slow(4e-3), data, time_limit=200.0, folder=tmp_path)
-    assert values(hurried) != values(whole)
+    assert values(hurried) != values(whole_fit)
     resumed = cmbrl.fit(carts.model(2), data, folder=tmp_path)
     assert resumed.report["resumed"]
-    assert values(resumed) == values(whole)
+    assert values(resumed) == values(whole_fit)
 
 
 def test_parts_that_overrun_leave_time_for_the_others(data, slow, clock, monkeypatch) -> None:
@@ -120,9 +118,8 @@ def test_parts_that_overrun_leave_time_for_the_others(data, slow, clock, monkeyp
     assert loss["held out, fitted"]["rmse"] < 0.5 * loss["held out, nominal"]["rmse"]
 
 
-def test_rows_that_are_slow_at_first_cost_a_fit_nothing(carts, data, slow, clock, monkeypatch) -> None:
+def test_rows_that_are_slow_at_first_cost_a_fit_nothing(data, whole_fit, slow, clock, monkeypatch) -> None:
     """The first pass of a model waits for its memory, and other processes make some later ones slow too."""
-    whole = cmbrl.fit(carts.model(2), data)
     once, passes = pace_module.Speed._once, []
 
     def disturbed(*arguments: Any) -> Any:
@@ -132,7 +129,7 @@ def test_rows_that_are_slow_at_first_cost_a_fit_nothing(carts, data, slow, clock
     monkeypatch.setattr(pace_module.Speed, "_once", staticmethod(disturbed))
     result = cmbrl.fit(slow(2e-5), data)
     assert len(passes) > pace_module._PASSES
-    assert values(result) == values(whole)
+    assert values(result) == values(whole_fit)
     assert (result.report["pace"], result.report["stopped"]) == (None, None)
 
 

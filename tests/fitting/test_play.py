@@ -22,6 +22,7 @@ from cmbrl.data.several import together
 from cmbrl.data.transitions import Transitions
 from cmbrl.data.unlogged import unlogged, with_columns
 from cmbrl.errors import UserError
+from cmbrl.fitting import Budget
 from cmbrl.fitting.choice.play_shown import gaps_to_try
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.played import BETTER, fit_or_played, keep, with_play
@@ -150,7 +151,8 @@ def test_a_fit_finds_the_gap_and_what_the_rotor_weighs(arm: Path) -> None:
     log, _ = recorded(played_file(arm.with_name("true.xml"), {"a": GAP, "b": 0.5 * GAP}), 1500)
     log = replace(log, episode=np.arange(len(log)) // 150)
     model = like_mujoco(played(arm, 0.01))
-    found = cmbrl.fit(model, log, groups=["play", "armature", "mass"], horizon=10)
+    little = Budget().shrunk(0.2)
+    found = cmbrl.fit(model, log, groups=["play", "armature", "mass"], horizon=10, budget=little)
     values = {name: (p.value, p.low, p.high) for name, p in found.parameters.items()}
     assert values["play.a"][0] == pytest.approx(GAP, rel=0.15)
     assert values["play.b"][0] == pytest.approx(0.5 * GAP, rel=0.15)

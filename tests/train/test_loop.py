@@ -13,7 +13,7 @@ from cmbrl.contact.smoothing import Gaussian
 from cmbrl.envs.evaluation import Evaluation
 from cmbrl.errors import UserError
 from cmbrl.files import read_json
-from cmbrl.fitting import FitResult, fit
+from cmbrl.fitting import Budget, FitResult, fit
 from cmbrl.fitting.played import fit_or_played, with_play
 from cmbrl.registry import load_task
 from cmbrl.scene.writing.played import gaps_of
@@ -27,6 +27,7 @@ SMALL = LoopConfig(
     iterations=12, rounds=2, policies=2, further=0, trial=0.5, transitions=120, more=60, environments=8, horizon=4,
     actor_hidden=(16,), critic_hidden=(16,), score_episodes=4, draws=8,
 )  # fmt: skip
+LITTLE = Budget().shrunk(0.05)  # how good a fit is does not matter here
 
 
 @pytest.fixture(scope="module")
@@ -42,7 +43,7 @@ def each_fit_once(fits, monkeypatch):
         arrays = (model.parameters, data.q, data.v, data.u, data.q_next, data.v_next)
         key = (*(array.tobytes() for array in arrays), model.smoothing, model.backward_smoothing, *options.items())
         if key not in fits:
-            fits[key] = fit_or_played(model, data, **options)
+            fits[key] = fit_or_played(model, data, budget=LITTLE, **options)
         return fits[key]
 
     monkeypatch.setattr("cmbrl.train.loop.fit_or_played", once)
@@ -292,7 +293,7 @@ def test_what_a_fit_with_play_found_is_trained_on_kept_and_restored(make_loop, m
     """On the task's file, which has no play; the fit's file is beside it, since no other file has this play."""
 
     def with_the_play(model, data, **options):
-        return fit(with_play(model, {"leg_joint": 0.01}), data, **options)
+        return fit(with_play(model, {"leg_joint": 0.01}), data, budget=LITTLE, **options)
 
     monkeypatch.setattr("cmbrl.train.loop.fit_or_played", with_the_play)
     loop, resumed = make_loop(), make_loop()

@@ -32,7 +32,8 @@ def forces_elsewhen(motion: Motion, scene: Scene) -> Iterator[Finding]:
     """Most torques of joints that move are explained at one lag that no motor has, and not at a usual one."""
     drivers = [m for m, d in enumerate(motion.drivers) if not (d.position or d.pace) and np.ptp(motion.u[:, m]) > 0.0]
     moving = [m for m in drivers if np.ptp(motion.now[:, motion.drivers[m].coordinate]) > MEANT]
-    weight = held(motion, scene) if moving and len(motion.now) >= ROWS else None
+    rows = _rows(motion)
+    weight = held(motion, scene, rows) if moving and rows.stop - rows.start >= ROWS else None
     if weight is None:
         return
     found = [one for m in moving if (one := _explained(motion, m, weight)) is not None]
@@ -55,15 +56,24 @@ def forces_elsewhen(motion: Motion, scene: Scene) -> Iterator[Finding]:
     )
 
 
+def _span(motion: Motion) -> int:
+    """Rows to either side over which accelerations are taken."""
+    return max(1, round(_SPAN / motion.dt))
+
+
+def _rows(motion: Motion) -> slice:
+    """Those that have such rows on either side: at most ``MOST``."""
+    span = _span(motion)
+    return slice(span, max(len(motion.now) - span, span), max(1, -(-(len(motion.now) - 2 * span) // MOST)))
+
+
 def _explained(motion: Motion, m: int, weight: np.ndarray) -> tuple[float, float, float] | None:
     """The lag [s] of a torque at which motion explains most of it, the share there, and the most at a usual lag.
 
-    Accelerations are those of the joint, and of others in its chain.
+    Accelerations are those of the joint, and of others in its chain. ``weight`` (r, nv): at ``_rows``.
     """
-    span, k = max(1, round(_SPAN / motion.dt)), motion.drivers[m].coordinate
+    span, k = _span(motion), motion.drivers[m].coordinate
     force, count = motion.u[:, m], len(motion.now)
-    if count < ROWS + 2 * span:
-        return None
     inner, chain = slice(span, count - span), _chain(motion, k)
     if motion.v_now is None:
         x = motion.now[:, chain]
@@ -74,8 +84,8 @@ def _explained(motion: Motion, m: int, weight: np.ndarray) -> tuple[float, float
         rates, bends = v[inner], (v[2 * span :] - v[: -2 * span]) / (2 * span * motion.dt)
     own = rates[:, chain.index(k)]
     rubbing = np.tanh(_RUBS * own / max(float(own.std()), 1e-9))
-    stride = -(-len(own) // MOST)
-    basis = np.column_stack([bends, own, rubbing, weight[inner, motion.coordinates[k].dof]])[::stride]
+    stride = _rows(motion).step
+    basis = np.column_stack([x[::stride] for x in (bends, own, rubbing)] + [weight[:, motion.coordinates[k].dof]])
     force = np.convolve(force, np.ones(2 * span + 1) / (2 * span + 1), mode="valid")[::stride]
     basis, force = basis - basis.mean(axis=0), force - force.mean()
     if not float(force @ force):

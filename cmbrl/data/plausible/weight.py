@@ -76,11 +76,11 @@ def untold(motion: Motion, scene: Scene) -> Iterator[Finding]:
         )
 
 
-def held(motion: Motion, scene: Scene) -> np.ndarray | None:
-    """What the links weigh by the file at each row (R, nv); None where the log does not tell all of a pose."""
+def held(motion: Motion, scene: Scene, rows: slice = slice(None)) -> np.ndarray | None:
+    """What the links weigh by the file at ``rows``: (R, nv); None where the log does not tell all of a pose."""
     if len(motion.coordinates) != scene.nv:
         return None
-    return np.asarray(kinematics.holding_forces(scene.core, _poses(motion, motion.now, scene)))
+    return np.asarray(kinematics.holding_forces(scene.core, _poses(motion, motion.now[rows], scene)))
 
 
 def _poses(motion: Motion, places: np.ndarray, scene: Scene) -> np.ndarray:

@@ -10,7 +10,8 @@ robots that are unlike their file are explained as they were logged, and a wrong
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,7 @@ class ColumnsCheck:
     evidence: Evidence
     huber: float
     seed: int
+    journal: Journal = field(default_factory=partial(Journal, None, ""))  #: which ends it when its time is up
 
     def finding(self) -> Finding | None:
         """The column that is wrong; None where all parameters explain the log as it is about as well."""
@@ -131,6 +133,7 @@ class ColumnsCheck:
 
     def _loss(self, horizon: int, log: Transitions | None = None, rows: int = _ROWS) -> PredictionLoss:
         """Of predictions of ``rows`` of ``log``; None: of the evidence's."""
+        self.journal.check_time()
         evidence = self.evidence if log is None else replace(self.evidence, log=log)
         starts = draw_starts(self.evidence.log, horizon, rows, self.seed)
         return evidence.loss(starts, horizon, *map(self._alike, evidence.scales(horizon, self.huber)))
@@ -160,10 +163,10 @@ class ColumnsCheck:
 
     def _fitted(self, loss: PredictionLoss, effort: _Effort) -> np.ndarray:
         """Losses (nv,) after a short fit of all parameters."""
-        space, journal = self.evidence.space, Journal(None, "")
-        z = beginning(loss, space, space.default, journal)
+        space = self.evidence.space
+        z = beginning(loss, space, space.default, self.journal)
         try:
-            z = reweighed(loss, space, space.default, z, effort.iterations, journal, passes=effort.passes)
+            z = reweighed(loss, space, space.default, z, effort.iterations, self.journal, passes=effort.passes)
         except NotFinite:
             return np.full(self.evidence.model.scene.nv, np.inf)
         return self._by_coordinate(loss, space.theta(z))

@@ -22,13 +22,13 @@ _ROUNDS, _FALLS = 5, 0.9  # of so many iterations; a loss that falls so far by o
 _DRIVES = ("kp", "kd", "kv", "damping", "frictionloss", "friction", AHEAD, DELAY, LAG)
 
 
-def compared(own: PredictionLoss, other: PredictionLoss, space: Space) -> tuple[float, float]:
+def compared(own: PredictionLoss, other: PredictionLoss, space: Space, journal: Journal) -> tuple[float, float]:
     """Of the log as it is and of the ``other`` reading, with drives, damping and friction fitted.
 
     A stiff servo may be far from the file's. So the own one is fitted on while that helps and the other is better, and
-    then the other as long.
+    then the other as long. Raises the journal's OutOfTime.
     """
-    ours, others = _fits(own, space), _fits(other, space)
+    ours, others = (_fits(loss, space, journal) for loss in (own, other))
     here, there, rounds = next(ours), next(others), 1
     while there < here and rounds < _ROUNDS:
         before, here, rounds = here, next(ours), rounds + 1
@@ -37,10 +37,10 @@ def compared(own: PredictionLoss, other: PredictionLoss, space: Space) -> tuple[
     return here, min([there, *islice(others, rounds - 1)]) if there < here else there
 
 
-def _fits(loss: PredictionLoss, space: Space) -> Iterator[float]:
+def _fits(loss: PredictionLoss, space: Space, journal: Journal) -> Iterator[float]:
     """The loss after ever more iterations; it never rises."""
     missing = begins(space, space.default).any(axis=0)  # without a rotor, stiff servos shake links
-    active, journal = np.isin(space.groups, _DRIVES) | missing, Journal(None, "")  # told gains may be wrong too
+    active = np.isin(space.groups, _DRIVES) | missing  # told gains may be wrong too
     z, best = beginning(loss, space, active, journal), np.inf
     while True:
         try:

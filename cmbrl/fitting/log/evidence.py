@@ -109,9 +109,9 @@ class Evidence:
 
         ``left`` (nv,): share of the change that a model leaves of a position; None: the same of all.
         """
-        return tuple(self._without_free(scales) for scales in self._scales(horizon, huber, noise, left))
+        return tuple(self.without_free(scales) for scales in self._scales(horizon, huber, noise, left))
 
-    def _without_free(self, scales: Scales) -> Scales:
+    def without_free(self, scales: Scales) -> Scales:
         """``scales`` that leave out joints which no log tells; predictions may start elsewhere there."""
         if not self.free:
             return scales
@@ -150,11 +150,11 @@ class Evidence:
             0 if self.positions_only else int((self.measured & (self.sloped == 0)).sum())
         )
 
-    def seen(self, theta: np.ndarray) -> tuple[np.ndarray, Transitions]:
-        """The model's parameters of ``theta`` (n,), and the log as its state and control."""
+    def seen(self, theta: np.ndarray, rows: np.ndarray | None = None) -> tuple[np.ndarray, Transitions]:
+        """The model's parameters of ``theta`` (n,), and the log, or ``rows`` (R,) of it, as its state and control."""
         physical, psi = self.observation.split(theta)
         observation = begun(self.observation, self.model, self.log, theta, SEVERAL)
-        return physical, observation.states(self.log, psi)
+        return physical, observation.states(self.log, psi, rows)
 
     def late(self, z: np.ndarray) -> bool:
         """Whether commands have a delay or a lag to speak of at ``z`` (n,)."""

@@ -75,28 +75,30 @@ class Judge:
 
     def off(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
         """Predicted less logged states (s, 2 nv), as for ``error``."""
-        physical, log = self.evidence.seen(theta)
+        rows = np.unique(self.starts[:, None] + np.arange(self.horizon))  # a long log has many more
+        physical, log = self.evidence.seen(theta, rows)
+        starts = np.searchsorted(rows, self.starts)
         if model is None:
             model = self.evidence.model
         else:
             physical = model.parameters
-        q, v = log.q[self.starts], log.v[self.starts]
+        q, v = log.q[starts], log.v[starts]
         observation, nq = self.evidence.observation, self.evidence.model.scene.nq
         own = observation.own_integral(observation.split(theta)[1], nq)
         for j in range(self.horizon):
-            rows = self.starts + j
-            step = model.predict(q, v, own(log.u[rows], q, log.q[rows]), theta=physical)
+            at = starts + j
+            step = model.predict(q, v, own(log.u[at], q, log.q[at]), theta=physical)
             q, v = step.q_next, step.v_next
-        return self._off(log, q, v)
+        return self._off(log, starts, q, v)
 
     def off_held(self) -> np.ndarray:
         """The same (s, 2 nv) of holding the velocity."""
         log = self.evidence.log
         q, v = log.q[self.starts], log.v[self.starts]
-        return self._off(log, self.evidence.model.scene.integrate(q, v * log.dt * self.horizon), v)
+        return self._off(log, self.starts, self.evidence.model.scene.integrate(q, v * log.dt * self.horizon), v)
 
-    def _off(self, log: Transitions, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        ends = self.starts + self.horizon - 1
+    def _off(self, log: Transitions, starts: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        ends = starts + self.horizon - 1
         return np.concatenate([self.evidence.model.scene.difference(log.q_next[ends], q), v - log.v_next[ends]], axis=1)
 
 

@@ -8,7 +8,8 @@ driver that compensates gravity, gains, damping and friction are fitted under bo
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from cmbrl.fitting.log.holding import loss_of_holding
 from cmbrl.fitting.log.horizons import checked_over
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.state import Journal
 from cmbrl.scene.records import JointKind
 
 _WELL = 0.1  # of the loss of holding: what the file explains so is mounted as in the file
@@ -34,6 +36,7 @@ class MountCheck:
     evidence: Evidence
     huber: float
     seed: int
+    journal: Journal = field(default_factory=partial(Journal, None, ""))  #: which ends it when its time is up
 
     def finding(self) -> Finding | None:
         """The direction in which gravity pulls; None where the file's explains the log about best."""
@@ -55,7 +58,7 @@ class MountCheck:
         return self._told(axis, losses[axis] / own, far and self._surely(horizon, size * np.array(axis)))
 
     def _surely(self, horizon: int, gravity: np.ndarray) -> bool:
-        here, there = compared(self._loss(horizon), self._loss(horizon, gravity), self.evidence.space)
+        here, there = compared(self._loss(horizon), self._loss(horizon, gravity), self.evidence.space, self.journal)
         return there < SURELY * here
 
     def _told(self, axis: tuple[float, ...], share: float, sure: bool) -> Finding:
@@ -95,6 +98,7 @@ class MountCheck:
 
     def _loss(self, horizon: int, gravity: np.ndarray | None = None) -> PredictionLoss:
         """Of predictions under ``gravity`` (3,) in the world; None: the file's."""
+        self.journal.check_time()
         evidence = self.evidence
         if gravity is not None:
             scene, P = evidence.model.scene, evidence.model.scene.core.P.copy()
@@ -104,4 +108,4 @@ class MountCheck:
             other = replace(scene, core=replace(scene.core, P=P))
             evidence = replace(evidence, model=evidence.model.with_settings(scene=other))
         starts = draw_starts(evidence.log, horizon, ROWS, self.seed)
-        return evidence.loss(starts, horizon, *evidence.scales(horizon, self.huber))
+        return evidence.loss(starts, horizon, *self.evidence.scales(horizon, self.huber))

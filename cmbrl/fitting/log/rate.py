@@ -9,7 +9,8 @@ that the log tells, and a wrong rate is not.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from cmbrl.fitting.log.holding import loss_of_holding
 from cmbrl.fitting.log.sliding import rivals
 from cmbrl.fitting.search.folds import draw_starts
 from cmbrl.fitting.search.loss import PredictionLoss
+from cmbrl.fitting.state import Journal
 
 _FACTORS = (0.1, 0.2, 0.25, 0.5, 2.0, 4.0, 5.0, 10.0)  # by which rates are mistaken
 _CLEARLY = 0.5  # of the loss at the log's own step
@@ -33,6 +35,7 @@ class RateCheck:
     horizon: int
     huber: float
     seed: int
+    journal: Journal = field(default_factory=partial(Journal, None, ""))  #: which ends it when its time is up
 
     def finding(self) -> Finding | None:
         """What is wrong with the rate; None where the log's own time step explains it about best."""
@@ -44,7 +47,7 @@ class RateCheck:
             own, loss_of_holding(self.evidence, self._loss(1.0).windows, self.huber)
         ):
             return None
-        here, there = compared(self._loss(1.0), self._loss(factor), self.evidence.space)
+        here, there = compared(self._loss(1.0), self._loss(factor), self.evidence.space, self.journal)
         if not there < here:
             return None
         dt, sure = self.evidence.log.dt, there < SURELY * here
@@ -59,12 +62,14 @@ class RateCheck:
 
     def _loss(self, factor: float) -> PredictionLoss:
         """Of predictions with rows ``factor`` times as far apart."""
+        self.journal.check_time()
         log = self.evidence.log
         model = self.evidence.model.with_settings(substeps=1, time_step=self.evidence.model.scene.timestep)
         stretched = replace(log, dt=log.dt * factor, v=log.v / factor, v_next=log.v_next / factor)
         evidence = replace(self.evidence, model=model.for_log(stretched.dt), log=stretched)
         starts = draw_starts(log, self.horizon, ROWS, self.seed)
-        return evidence.loss(starts, self.horizon, *evidence.scales(self.horizon, self.huber))
+        scales = self.evidence.scales(self.horizon, self.huber)  # of places, which rates do not change
+        return evidence.loss(starts, self.horizon, *map(evidence.without_free, scales))
 
     def _loss_of_file(self, factor: float) -> float:
         return loss_of_file(self._loss(factor), self.evidence.space)

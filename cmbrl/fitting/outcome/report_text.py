@@ -12,6 +12,7 @@ from cmbrl.fitting.choice.finer_steps import finer_told
 from cmbrl.fitting.choice.play_shown import shown_told
 from cmbrl.fitting.choice.told_gains import gains_told, sum_told
 from cmbrl.fitting.fitted_parameter import FLAT, FittedParameter
+from cmbrl.fitting.log.checking import unchecked_told
 from cmbrl.fitting.log.sliding import sliding_told
 from cmbrl.fitting.outcome.agreement import sentences
 from cmbrl.fitting.outcome.first_line import first_line
@@ -92,6 +93,8 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
         parts = ", ".join(f"{part} {share:.2g}" for part, share in pace["shares"].items())
         told = f"for the limit of {pace['limit']:g} s, parts did less than usual (share of the work): {parts}"
         told += "" if pace.get("asked", True) else "; give more by --time-limit"
+        yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
+    if told := unchecked_told(report.get("unchecked", ())):
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     if report["stopped"] is not None:
         yield f"STOPPED EARLY ({report['stopped']}): best so far"

@@ -32,6 +32,7 @@ _NOISY = 2.0  # times the square of noise: at least half of an error's square is
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
 STEPS_TRIED = 22  #: of a transition, under all those settings together
 _SHARE_OF_POSITIONS, _OF_PART = 0.5, 0.9  # of the judges' windows; of the rows of a held-out part
+_LONG = 5000  # steps, which are predicted one after the other: 25 s at 200 Hz, and longer tells no more
 _SHARE = 0.25  # of the judges' windows: settings are compared on the same ones, and quarter steps cost the most
 
 
@@ -79,9 +80,9 @@ def _root_mean(noise: np.ndarray, unit: np.ndarray) -> float:
 
 
 def _longest(evidence: Evidence, least: int) -> int:
-    """Steps that most parts of the log have windows of, ``least`` at least."""
+    """Steps that most parts of the log have windows of, ``least`` at least; of long parts, what is soon done."""
     lengths = np.bincount(blocks_of(evidence.log))
-    return max(least, round(_OF_PART * float(np.median(lengths[lengths > 0]))))
+    return max(least, min(_LONG, round(_OF_PART * float(np.median(lengths[lengths > 0])))))
 
 
 def _noise_of_holding(noise: np.ndarray, duration: float, unit: np.ndarray) -> float:

@@ -10,10 +10,11 @@ episode has to forget that episode, or what is held out has been seen.
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from cmbrl.fitting.search.loss import PredictionLoss
-from cmbrl.fitting.search.loss_values import NormalEquations
 from cmbrl.fitting.search.objective import NOT_FINITE, SOLVER_VARIANCE, NotFinite, Objective
 from cmbrl.fitting.search.random_search import Keep, Search, forget
 from cmbrl.fitting.search.space import Space
@@ -44,16 +45,16 @@ def gauss_newton(
     value = float(objective.values(z[None])[0])
     damping, idle, candidates = 1e-3, 0, 1
     course = [(1, value)]
-    for _ in range(iterations):
-        journal.check_time()
-        equations = objective.normal_equations(z)
-        z_next, lowest, step, offset, tried = _lower(objective, equations, z, value, damping)
-        candidates += tried
-        fall = value - lowest
-        if not fall > 0.0:
+    search = [*z.tolist(), value, objective.strength]
+    for index in range(iterations):
+        told = journal.step(search, index, partial(_lower, objective, z, value, damping))
+        candidates += int(told[0])
+        if len(told) == 1:
             break
-        z, value = z_next, lowest
-        objective = objective if offset is None else objective.starting(offset)
+        lowest, step, z, offset = float(told[1]), float(told[2]), told[3 : 3 + len(z)], told[3 + len(z) :]
+        fall, value = value - lowest, lowest
+        if len(offset):
+            objective = objective.starting(offset.reshape(len(objective.loss.windows.starts), -1))
         begun = objective.begun(z)
         if begun is not objective and (lower := float(begun.values(z[None])[0])) < value:
             objective, value = begun, lower
@@ -99,14 +100,13 @@ def reweighed(
     return z
 
 
-def _lower(
-    objective: Objective, equations: NormalEquations, z: np.ndarray, value: float, damping: float
-) -> tuple[np.ndarray, float, float, np.ndarray | None, int]:
-    """A point with a lower value than that of ``z`` (n,), its value, damping and starts, and how many were tried.
+def _lower(objective: Objective, z: np.ndarray, value: float, damping: float) -> np.ndarray:
+    """How many points were tried; where one has a lower value than that of ``z`` (n,): that, its damping, the point.
 
-    ``z`` and its ``value`` themselves where none is lower.
+    Then where windows start, if they move, all in one row of numbers, which a journal can hold.
     """
-    best, lowest, step, offset, tried = z, value, damping, None, 0
+    equations = objective.normal_equations(z)
+    best, lowest, step, offset, tried = z, value, damping, np.empty(0), 0
     for multiples in _BATCHES:
         steps = damping * multiples
         system = (objective.space, objective.active, z, equations.gradient, equations.hessian)
@@ -120,10 +120,10 @@ def _lower(
         rises = not (values[winner] < lowest and winner == len(points) - 1)
         if values[winner] < lowest:
             best, lowest, step = points[winner], float(values[winner]), steps[winner]
-            offset = None if offsets is None else offsets[winner]
+            offset = offset if offsets is None else offsets[winner].ravel()
         if lowest < value and rises:
             break
-    return best, lowest, step, offset, tried
+    return np.array([tried, lowest, step, *best, *offset] if lowest < value else [tried])
 
 
 def damped_step(

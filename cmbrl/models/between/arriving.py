@@ -41,7 +41,7 @@ def arrived(
     within so much of 0, and beyond what is left of it. ``lead`` [s] and ``integral`` [1/s] (nu,); ``total``: the
     integrals of the log, None where none counts.
     """
-    first, last = ends_of(log.episode, rows)
+    first, last = ends_of(log, rows)
     acted, rate, lacked = np.zeros((3, len(weights), len(rows), log.u.shape[1]))
     passed = np.zeros_like(acted[0])
     weights = np.pad(weights, ((0, 0), (0, 1)))

@@ -68,7 +68,7 @@ def _told(model: LogReading, log: Transitions, state: Transitions, theta: np.nda
     """
     episodes, where = np.unique(log.episode, return_inverse=True)
     every = np.arange(len(log))
-    rows = every[every - ends_of(log.episode, every)[0] < max(_ROWS // len(episodes), _LEAST)]
+    rows = every[every - ends_of(log, every)[0] < max(_ROWS // len(episodes), _LEAST)]
     state, where = state.select(rows), where[rows]
     found = np.zeros((len(episodes), adds.shape[1]))
     for _ in range(_ITERATIONS):

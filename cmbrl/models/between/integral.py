@@ -15,13 +15,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 
+from cmbrl.data.remembered import remembered
+
 if TYPE_CHECKING:
     from cmbrl.data.transitions import Transitions
 
 
-def ends_of(episode: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def ends_of(log: Transitions, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """First and last rows (R,) of the episodes of ``rows`` (R,)."""
-    begins = np.append(np.flatnonzero(np.r_[True, np.diff(episode) != 0]), len(episode))
+    begins = remembered(
+        log, "begins", lambda: np.append(np.flatnonzero(np.r_[True, np.diff(log.episode) != 0]), len(log))
+    )
     block = np.searchsorted(begins, rows, side="right") - 1
     return begins[block], begins[block + 1] - 1
 
@@ -36,7 +40,7 @@ class Lacked:
 
     def __init__(self, log: Transitions, joints: np.ndarray, reading: np.ndarray) -> None:
         self.dt, self.u = log.dt, log.u
-        self.first, self.last = ends_of(log.episode, np.arange(len(log)))
+        self.first, self.last = ends_of(log, np.arange(len(log)))
         self.given = self._sum(log.u)
         before, after = (q[:, joints] @ reading.T for q in (log.q, log.q_next))
         self.read = self._sum(0.5 * (before + after)) + 0.5 * log.dt * before  # to the middle of the step, by its start

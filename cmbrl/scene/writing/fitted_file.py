@@ -26,6 +26,7 @@ from cmbrl.scene.source.robot_source import quiet
 from cmbrl.scene.writing.fitted_spec import FittedSpec
 
 _DIGITS = 3e-5  # relative; MuJoCo writes six digits
+_SOFTNESS = "softness_scale"  # the group of its parameters
 _MOVED = 0.01  # of the change of a number that may be lost
 _MOST_NAMED = 40  # in the comment of the file
 
@@ -104,7 +105,7 @@ def fix_paths(spec: mujoco.MjSpec) -> None:
 def _softness(scene: Scene, theta: Array) -> Array:
     """Factors (ncontact,) on the softness of contacts, without what masses do: MuJoCo derives that from them."""
     alone = scene.parameter_vector()
-    own = np.array([p.group == "softness_scale" for p in scene.parameters], dtype=bool)
+    own = np.array([p.group == _SOFTNESS for p in scene.parameters], dtype=bool)
     alone[own] = theta[own]
     rows = scene.layout.contacts(np.arange(scene.core.ncontact), "rscale")
     return scene.physical_vector(alone)[rows] / scene.core.P[rows]
@@ -112,31 +113,30 @@ def _softness(scene: Scene, theta: Array) -> Array:
 
 def _missing(scene: Scene, theta: Array, held: Scene) -> list[str]:
     """Names of the parameters that ``held``, read from the written file, does not have at ``theta``."""
-    nominal, wanted = scene.parameter_vector(), _comparable(scene, theta)
+    nominal, softness = scene.parameter_vector(), _softness(scene, theta)
+    wanted = _by_meaning(scene, scene.physical_vector(theta), softness)
     lost = np.abs(wanted - _aligned(held, scene))
     digits = _DIGITS * _sizes(scene, wanted)
     names = []
     for k in np.flatnonzero(theta != nominal):
         without = theta.copy()
         without[k] = nominal[k]
-        moved = np.abs(wanted - _comparable(scene, without))
+        own = _softness(scene, without) if scene.parameters[k].group == _SOFTNESS else softness
+        moved = np.abs(wanted - _by_meaning(scene, scene.physical_vector(without), own))
         if not np.all((lost <= _MOVED * moved + digits) | (moved <= digits)):  # NaN: not there
             names.append(scene.parameters[k].name)
     return names
 
 
-def _comparable(scene: Scene, theta: Array) -> Array:
-    """The physical vector at ``theta``, its contacts by what they mean."""
-    return _by_meaning(scene, scene.physical_vector(theta), _softness(scene, theta))
-
-
 def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
+    """The physical vector P, its contacts and limits by what they mean; ``softness`` (ncontact,): of ``_softness``."""
     first, core = scene.layout.contact(0), scene.core
     P = P.copy()
     for k, line in enumerate(core.lim_line.tolist()):  # relative to the file's range
         P[scene.layout.dof(line, "wider")] += 0.5 * (core.lim_hi[k] - core.lim_lo[k])
-        stop = slice(scene.layout.dof(line, "stop_time"), scene.layout.dof(line, "stop_softness") + 1)
-        P[stop] = _stop_meaning(core.lim_soft[k], *P[stop])
+    starts = np.array([scene.layout.dof(line, "stop_time") for line in core.lim_line.tolist()], dtype=np.int64)
+    stops = starts[:, None] + np.arange(3)
+    P[stops] = _stop_meaning(core.lim_soft, P[stops])
     for k, actuator in enumerate(core.wide_act.tolist()):  # a gear there is relative to the file's
         arms = core.wide_coef[core.wide_ptr[k] : core.wide_ptr[k + 1]]
         P[scene.layout.actuator(actuator, "gear")] *= np.linalg.norm([*core.wide_local[k], *arms])
@@ -155,11 +155,16 @@ def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
     return np.concatenate([P[:first], blocks.ravel()])
 
 
-def _stop_meaning(soft: Array, time: float, damping: float, softness: float) -> Array:
-    """Stiffness, damping and compliance (3,) of a limit with solref and solimp ``soft`` (7,) and these factors."""
-    block = np.zeros((1, len(CONTACT_FIELDS)))
-    block[0, 3:8] = *slower(float(soft[0]), float(soft[1]), time, damping), *soft[2:5]
-    found: Array = meaning(block, np.array([softness]))[0, [3, 4, 6]]
+def _stop_meaning(soft: Array, factors: Array) -> Array:
+    """Stiffness, damping and compliance (n, 3) of limits with solref and solimp ``soft`` (n, 7), by their ``factors``.
+
+    These (n, 3) are on time constant, damping ratio and softness.
+    """
+    blocks = np.zeros((len(soft), len(CONTACT_FIELDS)))
+    pairs = zip(soft[:, :2].tolist(), factors[:, :2].tolist(), strict=True)
+    blocks[:, 3:5] = np.array([slower(*ref, *own) for ref, own in pairs]).reshape(-1, 2)
+    blocks[:, 5:8] = soft[:, 2:5]
+    found: Array = meaning(blocks, factors[:, 2])[:, [3, 4, 6]]
     return found
 
 

@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cmbrl.fitting.outcome.page.predictions import OneStep, Window
-from cmbrl.fitting.outcome.page.style import AFTER, BEFORE, FAINT, LOGGED, SMALL, new_figure, tidy
+from cmbrl.fitting.outcome.page.style import AFTER, BEFORE, FAINT, LOGGED, SMALL, gridded, tidy
 from cmbrl.scene import Scene
 
 MOST = 12  #: coordinates drawn
@@ -28,23 +28,23 @@ def motion(scene: Scene, windows: Sequence[Window], dt: float) -> tuple[Figure, 
     drawn = np.sort(_worst(errors["after"] / np.maximum(logged.std(axis=0), 1e-9), MOST))
     columns = min(3, len(drawn))
     rows = -(-len(drawn) // columns)
-    figure = new_figure(10.0, 0.6 + 2.35 * rows)
-    grid = figure.subplots(2 * rows, columns, squeeze=False, sharex=True, height_ratios=[2.0, 1.0] * rows)
-    for axes in grid.flat:
-        axes.set_visible(False)
+    figure, grid = gridded(rows, columns, (10.0, 2.3), (0.78, 0.46))
     for k, c in enumerate(drawn):
-        above, below = grid[2 * (k // columns) : 2 * (k // columns) + 2, k % columns]
+        pair = grid[k // columns, k % columns].subgridspec(2, 1, height_ratios=[2.0, 1.0], hspace=0.12)
+        above = figure.add_subplot(pair[0])
+        below = figure.add_subplot(pair[1], sharex=above)
+        above.tick_params(labelbottom=False)
         unit, small = ("m", "mm") if scene.coordinate_kinds[c] == "position" else ("rad", "mrad")
         _motion_of(above, below, windows, int(c), dt)
         told = " → ".join(f"{1e3 * errors[field][c]:.3g}" for field in ("before", "after"))
         above.set_title(f"{scene.coordinate_names[c]}   {told} {small}", fontsize=SMALL + 0.5, loc="left")
         above.set_ylabel(unit, fontsize=SMALL)
         below.set_ylabel(f"error [{small}]", fontsize=SMALL - 1)
+        below.tick_params(labelbottom=k + columns >= len(drawn))
         if k + columns >= len(drawn):
             below.set_xlabel("time [s]", fontsize=SMALL)
-            below.tick_params(labelbottom=True)
     labels = ("logged", "file, before the fit", "fit, without these seconds")
-    figure.legend(grid[0, 0].get_lines()[:3], labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(figure.axes[0].get_lines()[:3], labels, loc="upper center", ncols=3, frameon=False, fontsize=9)
     return figure, [scene.coordinate_names[c] for c in drawn]
 
 
@@ -64,7 +64,7 @@ def _motion_of(above: Axes, below: Axes, windows: Sequence[Window], c: int, dt: 
     below.axhline(0.0, color=LOGGED, linewidth=0.7)
     for axes in (above, below):
         tidy(axes)
-        axes.set(visible=True, xlim=(0.0, at - 3 * dt))
+        axes.set(xlim=(0.0, at - 3 * dt))
     shown = _finite([path[:, c] for window in windows for path in (window.logged, window.after)])
     middle, half = (shown.max() + shown.min()) / 2, max((shown.max() - shown.min()) / 2, 1e-6)
     above.set_ylim(middle - _BEYOND * half, middle + _BEYOND * half)
@@ -91,8 +91,8 @@ def residuals(scene: Scene, found: OneStep) -> tuple[Figure, list[str]]:
     touching = bool(found.gap.min(initial=np.inf) < _NEAR)
     axes_of = {"command": found.command, "speed": found.speed, "position": found.position}
     titles = ["against command", "against speed", "against position", *["against the smallest gap"] * touching]
-    figure = new_figure(10.0, 0.6 + 1.7 * len(drawn))
-    grid = figure.subplots(len(drawn), len(titles), squeeze=False, sharey="row")
+    figure, places = gridded(len(drawn), len(titles), (10.0, 1.72), (0.85, 0.5))
+    grid = places.subplots(squeeze=False, sharey="row")
     for row, c in zip(grid, drawn, strict=True):
         length = "m" if scene.coordinate_kinds[c] == "position" else "rad"
         units = {"command": "command", "speed": f"{length}/s", "position": length}
@@ -104,7 +104,7 @@ def residuals(scene: Scene, found: OneStep) -> tuple[Figure, list[str]]:
     for axes, title in zip(grid[0], titles, strict=True):
         axes.set_title(title, fontsize=9)
     handles = next(h for h in (axes.get_legend_handles_labels() for axes in grid.flat) if h[0])
-    figure.legend(*handles, loc="outside upper center", ncols=2, frameon=False, fontsize=9)
+    figure.legend(*handles, loc="upper center", ncols=2, frameon=False, fontsize=9)
     return figure, [scene.coordinate_names[c] for c in drawn]
 
 

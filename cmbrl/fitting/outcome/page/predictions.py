@@ -53,15 +53,15 @@ def one_step(model: ComplementarityModel, unseen: Unseen) -> OneStep:
         errors = []
         for values in (unseen.nominal, theta):
             physical, psi = unseen.observation.split(values)
-            seen = unseen.observation.states(log, psi)
-            step = model.predict(seen.q[rows], seen.v[rows], seen.u[rows], theta=physical)
+            seen = unseen.observation.states(log, psi, rows)
+            step = model.predict(seen.q, seen.v, seen.u, theta=physical)
             errors.append((log.v_next[rows] - step.v_next) / log.dt)
         command = np.full((len(rows), scene.nv), np.nan)
         for dof in range(scene.nv):
             actuators = np.flatnonzero(scene.core.act_line == dof)
             if len(actuators) == 1:
-                command[:, dof] = seen.u[rows, actuators[0]]
-        q = seen.q[rows]
+                command[:, dof] = seen.u[:, actuators[0]]
+        q = seen.q
         gap = scene.gaps(q).min(axis=-1, initial=np.inf)
         parts.append((*errors, command, log.v[rows], coordinates(model, q), gap))
     rows = np.concatenate(_thinned(unseen))
@@ -119,14 +119,14 @@ def _cut(rows: np.ndarray, length: int) -> Sequence[tuple[int, int]]:
 
 
 def _open_loop(model: ComplementarityModel, unseen: Unseen, first: int, steps: int, theta: np.ndarray) -> Window:
-    rows = slice(first, first + steps)
+    rows = np.arange(first, first + steps)
     states = []
     for values in (unseen.nominal, theta):
         physical, psi = unseen.observation.split(values)
-        seen = unseen.observation.states(unseen.log, psi)
-        q, v = seen.q[first : first + 1], seen.v[first : first + 1]
+        seen = unseen.observation.states(unseen.log, psi, rows)
+        q, v = seen.q[:1], seen.v[:1]
         path, own = [q], unseen.observation.own_integral(psi, model.scene.nq)
-        for u, logged in zip(seen.u[rows], seen.q[rows], strict=True):
+        for u, logged in zip(seen.u, seen.q, strict=True):
             step = model.predict(q, v, own(u[None], q, logged), theta=physical)
             q, v = step.q_next, step.v_next
             path.append(q)
