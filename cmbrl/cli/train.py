@@ -205,7 +205,7 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
 
     ``fitted``: whether it was trained on a fit; ``loop``: which it made itself.
     """
-    from cmbrl.envs.trials import foretold, unlearned
+    from cmbrl.envs.trials import foretold
     from cmbrl.train.running.texts import commands_text, pinned_text, progress_text
 
     print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
@@ -227,8 +227,8 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
         print(f"{out}: {pinned}")
     if outcome.failed_trials:
         print(f"{out}: {foretold(outcome.failed_trials, fitted, loop)}")
-    if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
-        print(f"{out}: {told}")
+    if trainer.advice:
+        print(f"{out}: {trainer.advice}")
     elif trainer.earned:  # an episode fails that earns less than is usual: of one that earns little, this tells
         policy, none = trainer.earned["policy"], trainer.earned["no action"]
         print(f"{out}: whole episodes of an evaluation earn {policy:.4g} in the model, and {none:.4g} by no action")
