@@ -209,7 +209,8 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
     from cmbrl.train.running.texts import commands_text, pinned_text, progress_text
 
     print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
-    if conditions := trainer.conditions():
+    conditions = trainer.conditions()
+    if conditions:
         print(f"{out}: {commands_text(conditions)}")
     for update, to in trainer.returns_to:
         print(f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}")
@@ -223,7 +224,7 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
         print(f"{out / place}: {remark}")
     if trainer.gradients:
         print(f"{out}: {trainer.gradients}")
-    if pinned := pinned_text(outcome.last):
+    if pinned := pinned_text(outcome.last, conditions.get("last_actions", 0)):
         print(f"{out}: {pinned}")
     if outcome.failed_trials:
         print(f"{out}: {foretold(outcome.failed_trials, fitted, loop)}")
