@@ -322,6 +322,7 @@ MISTAKES = {
     "policy of another robot": ("evaluate of_cheetah", "17 observations", "train again"),
     "judged on another robot": ("evaluate run --task cheetah", "--task cheetah", "name a task of that robot"),
     "judged in no task": ("evaluate run --task hoper", "'hoper'", "did you mean 'hopper'"),
+    "played on a task of another robot": ("play run --task cheetah --out clip.gif", "--task cheetah", "of that robot"),
     "played on another robot": ("play of_cheetah --out clip.gif", "17 observations", "train again"),
     "evaluated in the real system as a model": ("evaluate run --model real", "`real` is not a model", "use --real"),
     "evaluated in an unknown model": ("evaluate run --model nominla", "nominla", "nominal"),

@@ -14,6 +14,7 @@ from cmbrl.files import check_writable
 EXAMPLE = """
 cmbrl play runs/policy --out policy.mp4
 cmbrl play runs/policy --out policy.gif --seconds 4 --seed 3
+cmbrl play runs/policy --task hopper@payload:3 --out hidden.mp4   # in another real system of that robot
 cmbrl play runs/policy --viewer
 """
 
@@ -23,6 +24,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--out", metavar="FILE", help="the clip to write: NAME.mp4 or NAME.gif")
     parser.add_argument("--viewer", action="store_true", help="show the real system in MuJoCo's viewer instead")
     parser.add_argument("--model", metavar="M", help=f"next to the real system: {MODEL_HELP} (default: as trained)")
+    parser.add_argument(
+        "--task",
+        metavar="TASK",
+        help="show it in this task, whose real system is another one of the same robot, as hopper@payload:3 or a file",
+    )
     parser.add_argument(
         "--seconds", type=positive_number, default=10.0, metavar="S", help="length of the clip, at most (default 10)"
     )
@@ -47,7 +53,7 @@ def run(arguments: argparse.Namespace) -> None:
 
     if arguments.model == REAL:
         raise UserError("--model real: `real` is not a model, and is always shown; name a model or drop --model")
-    trained = Trained.load(arguments.policy)
+    trained = Trained.load(arguments.policy, arguments.task)
     policy, task, mdp = trained.saved.policy, trained.task, trained.mdp
     if arguments.model is not None:
         check_model(arguments.model)

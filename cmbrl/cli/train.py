@@ -205,11 +205,12 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
 
     ``fitted``: whether it was trained on a fit; ``loop``: which it made itself.
     """
-    from cmbrl.envs.trials import foretold, unlearned
+    from cmbrl.envs.trials import foretold
     from cmbrl.train.running.texts import commands_text, pinned_text, progress_text
 
     print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
-    if conditions := trainer.conditions():
+    conditions = trainer.conditions()
+    if conditions:
         print(f"{out}: {commands_text(conditions)}")
     for update, to in trainer.returns_to:
         print(f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}")
@@ -223,12 +224,12 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
         print(f"{out / place}: {remark}")
     if trainer.gradients:
         print(f"{out}: {trainer.gradients}")
-    if pinned := pinned_text(outcome.last):
+    if pinned := pinned_text(outcome.last, conditions.get("last_actions", 0)):
         print(f"{out}: {pinned}")
     if outcome.failed_trials:
         print(f"{out}: {foretold(outcome.failed_trials, fitted, loop)}")
-    if told := trainer.advice or unlearned(trainer.earned):  # no action may earn more by ending sooner
-        print(f"{out}: {told}")
+    if trainer.advice:
+        print(f"{out}: {trainer.advice}")
     elif trainer.earned:  # an episode fails that earns less than is usual: of one that earns little, this tells
         policy, none = trainer.earned["policy"], trainer.earned["no action"]
         print(f"{out}: whole episodes of an evaluation earn {policy:.4g} in the model, and {none:.4g} by no action")

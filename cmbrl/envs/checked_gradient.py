@@ -22,11 +22,11 @@ TINY = 1e-6  # of the mean reward: what soft contacts do from afar is less
 
 
 @torch.enable_grad()
-def check_derivative(mdp: MDP, label: str) -> None:
+def check_derivative(mdp: MDP, label: str) -> bool:
     """Warns where observations, or the reward of a step, have no derivative in the state that they are taken of.
 
-    The reward's is looked for around starts, too: clamped or rounded it is 0. Raises UserError for functions that
-    cannot be called with states that are differentiated.
+    Returns whether the reward has one. Raises UserError for functions that cannot be called with states that are
+    differentiated.
     """
     q, v = (x.requires_grad_() for x in some(mdp, label))
     if not called(mdp.observe, "observe", label, q, v).requires_grad:
@@ -34,22 +34,32 @@ def check_derivative(mdp: MDP, label: str) -> None:
             f"{label}: MDP.observe has no derivative in q, v, which gradients of policies need: write it in torch "
             "without detach, item or comparisons"
         )
-    generator = torch.Generator().manual_seed(0)
-    before, after = ([x.requires_grad_() for x in moved(mdp, *some(mdp, label), generator)] for _ in range(2))
-    action = q.new_zeros(len(q), mdp.actions)
-    reward = called(mdp.reward, "reward", label, *before, action, *after)
-    if _slopes(reward, after):
-        return
-    if _slopes(reward, before):
+    after, before = reward_slopes(mdp, label)
+    if after:
+        return True
+    if before:
         _warn(
             f"{label}: MDP.reward is of the state before the step, which no longer depends on the action: take q', v', "
             "its last two arguments"
         )
-        return
-    _warn(
-        f"{label}: MDP.reward has no derivative in q', v', which gradients of policies need: write it in torch without "
-        "detach, item, comparisons, signs or rounding, as a distance or a speed"
-    )
+    else:
+        _warn(
+            f"{label}: MDP.reward has no derivative in q', v', which gradients of policies need: write it in torch "
+            "without detach, item, comparisons, signs or rounding, as a distance or a speed"
+        )
+    return False
+
+
+@torch.enable_grad()
+def reward_slopes(mdp: MDP, label: str) -> tuple[bool, bool]:
+    """Whether the reward of a step has a derivative that is not 0 in q', v' after it, and in q, v before it.
+
+    It is looked for around starts, too: clamped or rounded it is 0.
+    """
+    generator = torch.Generator().manual_seed(0)
+    before, after = ([x.requires_grad_() for x in moved(mdp, *some(mdp, label), generator)] for _ in range(2))
+    reward = called(mdp.reward, "reward", label, *before, before[0].new_zeros(len(before[0]), mdp.actions), *after)
+    return _slopes(reward, after), _slopes(reward, before)
 
 
 def _slopes(reward: Tensor, states: list[Tensor]) -> bool:

@@ -26,6 +26,7 @@ LITTLE, WASTED = 0.1, 0.75  # shares: of a range of controls that actions reach,
 BEYOND, SOME = 0.05, 0.1  # of a joint's range, which limits may give way, in this share of the starts
 LONG = 0.1  # s: no robot moves by so long a physics step
 TURNED = 3.0  # times the largest angle of a joint: an angle in degrees
+TURN = 6.5  # rad, somewhat more than a turn
 
 
 def check_robot(mdp: MDP, task: Task) -> None:
@@ -48,12 +49,25 @@ def check_robot(mdp: MDP, task: Task) -> None:
         _check(mdp, scene, f"task {task.name!r}")
 
 
-@torch.no_grad()
-def _check(mdp: MDP, scene: Scene, label: str) -> None:
-    q, v = started(mdp, STARTS, label)
+def check_widths(mdp: MDP, task: Task) -> None:
+    """Raises UserError where starts of ``mdp`` have another width than the task's file, if that can be modelled."""
+    scene, label = None, f"task {task.name!r}"
+    with suppress(UserError):
+        scene = task.load_scene()
+    if scene is not None:
+        _check_widths(mdp, *started(mdp, STARTS, label), scene, label)
+
+
+def _check_widths(mdp: MDP, q: Tensor, v: Tensor, scene: Scene, label: str) -> None:
     kept = f" and MDP.memory is {mdp.memory}" if mdp.memory else ""
     _width(q, scene.nq + mdp.memory, f"{label}: MDP.reset gives q", f"the file has {scene.nq} position(s){kept}")
     _width(v, scene.nv, f"{label}: MDP.reset gives v", f"the file has {scene.nv} velocities")
+
+
+@torch.no_grad()
+def _check(mdp: MDP, scene: Scene, label: str) -> None:
+    q, v = started(mdp, STARTS, label)
+    _check_widths(mdp, q, v, scene, label)
     _check_turns(mdp.robot(q), scene, label)
     start, least = _acted(mdp, q, v, -1.0, scene, label)
     _, most = _acted(mdp, q, v, 1.0, scene, label)
@@ -62,6 +76,7 @@ def _check(mdp: MDP, scene: Scene, label: str) -> None:
         _warn_of_ranges(ends[:, 0], mdp.act is not type(mdp).act, scene, label)
     at = mdp.robot(start).numpy()
     _warn_of_limits(at, scene, label)
+    _warn_of_degrees(at, scene, label)
     _warn_of_overlap(at, scene, label)
 
 
@@ -136,6 +151,23 @@ def _warn_of_limits(q: np.ndarray, scene: Scene, label: str) -> None:
         warnings.warn(
             f"{label}: MDP.reset starts with {joints[k].name} at up to {worst:.4g} {'rad' if turns else 'm'}, and its "
             f"range is {low[k]:.4g} to {high[k]:.4g}: {'give radians, not degrees' if degrees else 'start inside it'}",
+            stacklevel=2,
+        )
+
+
+def _warn_of_degrees(q: np.ndarray, scene: Scene, label: str) -> None:
+    """Warns of the hinge without limits that starts (B, nq) turn furthest, if beyond a turn, as degrees do."""
+    limited = set(scene.core.lim_line.tolist())
+    free = [x for x in scene.joints if x.kind == JointKind.HINGE and x.vadr not in limited]
+    if not free:
+        return
+    angles = np.abs(q[:, [joint.qadr for joint in free]])
+    angles[:, (angles > TURN).mean(axis=0) < SOME] = 0.0
+    k = int(np.argmax(angles.max(axis=0)))
+    if (most := angles[:, k].max()) > TURN:
+        warnings.warn(
+            f"{label}: MDP.reset starts with {free[k].name} at up to {most:.4g} rad, and a turn is 6.283: give "
+            "radians, not degrees",
             stacklevel=2,
         )
 

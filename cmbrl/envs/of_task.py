@@ -29,6 +29,7 @@ def decision_process(task: Task) -> MDP:
     (:mod:`cmbrl.envs.checked_rows`).
     """
     from cmbrl.envs.checked import check_numbers, check_process
+    from cmbrl.envs.checked_robot import check_widths
     from cmbrl.envs.checked_rows import check_rows
 
     if task.mdp is None:
@@ -40,7 +41,11 @@ def decision_process(task: Task) -> MDP:
             f"task {task.name!r}: Task.mdp takes {mdp.repeat} model steps in {mdp.dt:g} s, but Task.control_dt is "
             f"{task.control_dt:g} s: fix dt, repeat or control_dt"
         )
-    check_process(mdp, f"task {task.name!r}")
+    try:
+        check_process(mdp, f"task {task.name!r}")
+    except UserError:
+        check_widths(mdp, task)  # starts of another width are the cause of what follows from them
+        raise
     check_rows(mdp, f"task {task.name!r}")
     return mdp
 

@@ -36,6 +36,7 @@ THRESHOLD = 0.5  #: share of episodes that fail under the draws from which a pol
 LAWS = ("draws", "law", "mujoco")  #: trials of the robot as it may be; the others make it harder
 LEANS = 0.3  #: under the draws or the other law: of 42 policies of hidden hoppers below it none fell, of 14 above it 6
 HARDLY = 0.02  #: share of what no action earns by which a policy earns hardly more
+SMOOTHER = "let it grow with what the task wants, as a speed, or as a distance shrinks"  #: a reward without derivative
 _WORDS = {
     "late": "commands a step late",
     "parameters": f"parameters off by up to {100 * SPREAD:.0f} %",
@@ -157,10 +158,11 @@ def foretold(shares: Mapping[str, float], fitted: bool = True, loop: bool = Fals
     return told
 
 
-def unlearned(earned: Mapping[str, float]) -> str:
+def unlearned(earned: Mapping[str, float], slopes: bool = True) -> str:
     """What mean returns in the model of the "policy", and of "no action", say; empty where the policy earns far more.
 
-    A machine that hangs or stands where it began earns a little more or less than no action.
+    A machine that hangs or stands where it began earns a little more or less than no action. ``slopes``: whether the
+    reward has a derivative, without which no length of training helps.
 
     >>> unlearned({"policy": -53.1, "no action": -41.0})[:79]
     'it earns -53.1 in the model, and no action at all -41: it has learned nothing, '
@@ -170,6 +172,8 @@ def unlearned(earned: Mapping[str, float]) -> str:
     if not earned or earned["policy"] - earned["no action"] > HARDLY * abs(earned["no action"]):
         return ""
     both = f"it earns {earned['policy']:.4g} in the model, and no action at all {earned['no action']:.4g}"
+    if not slopes:
+        return f"{both}: it has learned nothing, since the reward has no derivative: {SMOOTHER}"
     nothing = "it has learned nothing, train longer (--iterations)"
     if earned["no action"] - earned["policy"] <= HARDLY * abs(earned["no action"]):
         return (
@@ -237,7 +241,7 @@ def _loose(scene: Scene) -> tuple[int, ...]:
     """Places in v of the horizontal directions in which a root moves without a motor."""
     core = scene.core
     down = scene.gravity @ core.plane_basis if scene.planar else scene.gravity
-    driven = set(core.act_line.tolist())
+    driven = _driven(scene)
     return tuple(
         joint.vadr
         for joint in scene.joints
@@ -246,3 +250,15 @@ def _loose(scene: Scene) -> tuple[int, ...]:
         and joint.vadr not in driven
         and abs(float(joint.axis @ down)) <= 1e-6 * float(np.linalg.norm(down))
     )
+
+
+def _driven(scene: Scene) -> set[int]:
+    """Places in v that an actuator moves, by its joint or by its tendon."""
+    core, found = scene.core, set[int]()
+    for line in core.act_line.tolist():
+        if line >= scene.nv:
+            start, end = core.tendon_ptr[line - scene.nv : line - scene.nv + 2]
+            found |= set(core.tendon_dof[start:end].tolist())
+        elif line >= 0:
+            found.add(line)
+    return found

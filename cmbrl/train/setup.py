@@ -128,8 +128,7 @@ def set_up(
         raise UserError(f"--start: {name} begins with a policy of its own: train by {able}")
     check_robot(mdp, found)
     check_system(found)
-    if chosen.differentiates:
-        check_derivative(mdp, f"task {found.name!r}")
+    if chosen.differentiates and check_derivative(mdp, f"task {found.name!r}"):  # else one fault would be told twice
         with suppress(UserError):  # a file that cannot be modelled is refused where it has to be
             check_effect(mdp, nominal_model(found, threads=1), f"task {found.name!r}")
     config = configure(name, found, parse_fields(chosen.load()[1], settings or {}, name))

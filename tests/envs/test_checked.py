@@ -129,10 +129,10 @@ def test_what_is_no_process_is_told(mdp: object, says: str) -> None:
 def test_rewards_and_observations_without_a_derivative_are_told() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_derivative(process(), "mine")
+        assert check_derivative(process(), "mine")
     sparse = process(reward=lambda q, v, a, q1, v1: (v1[:, 0] > 1).double() - a.square().sum(1))
     with pytest.warns(UserWarning, match=r"mine: MDP.reward has no derivative in q', v', .* as a distance or a speed"):
-        check_derivative(sparse, "mine")
+        assert not check_derivative(sparse, "mine")
     flat = process(reward=lambda q, v, a, q1, v1: v1[:, 0].clamp(max=-1e3) + (10 * q1[:, 0]).round())
     with pytest.warns(UserWarning, match=r"mine: MDP.reward has no derivative in q', v', .* signs or rounding"):
         check_derivative(flat, "mine")

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from cmbrl.envs.checked_robot import check_robot
+from cmbrl.envs.of_task import decision_process
 from cmbrl.errors import UserError
 from cmbrl.mdp import MDP, between, never
 from cmbrl.registry import Task
@@ -22,7 +23,7 @@ SCENE = """
       <freejoint name="root"/>
       <geom name="ball" type="sphere" size="0.1"/>
       <body name="arm">
-        <joint name="arm" type="hinge" axis="0 1 0" range="LIMITS" limited="true"/>
+        <joint name="arm" type="hinge" axis="0 1 0" range="LIMITS" limited="LIMITED"/>
         <geom name="arm" type="sphere" pos="0.3 0 0" size="0.05"/>
       </body>
     </body>
@@ -43,8 +44,15 @@ def starts(height: float = 0.5, norm: float = 1.0, nq: int = 8, nv: int = 7, arm
 
 @pytest.fixture
 def check(tmp_path: Path):
-    def of(controls: str = "-1 1", limits: str = "-30 30", step: float | None = None, **changes: object) -> None:
-        (tmp_path / "ball.xml").write_text(SCENE.replace("RANGE", controls).replace("LIMITS", limits))
+    def of(
+        controls: str = "-1 1",
+        limits: str | None = "-30 30",
+        step: float | None = None,
+        whole: bool = False,
+        **changes: object,
+    ) -> None:
+        text = SCENE.replace("RANGE", controls).replace("LIMITS", limits or "0 1")
+        (tmp_path / "ball.xml").write_text(text.replace("LIMITED", "true" if limits else "false"))
         sound = MDP(
             observations=8, actions=1, observe=lambda q, v: q, terminated=never, dt=0.02, episode_steps=10,
             reward=lambda q, v, action, q_next, v_next: v_next[:, 0], reset=starts(),
@@ -54,6 +62,8 @@ def check(tmp_path: Path):
             name="ball", description="", scene=tmp_path / "ball.xml", control_dt=0.02, substeps=4, time_step=0.005,
             mdp=lambda: mdp, system=lambda: None,
         )  # fmt: skip
+        if whole:
+            decision_process(task)
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             check_robot(mdp, task if step is None else replace(task, control_dt=4 * step, time_step=step))
@@ -81,6 +91,11 @@ def test_a_process_of_this_robot_passes(check) -> None:
 def test_a_process_of_another_robot_is_refused(check, changes: dict[str, object], says: str) -> None:
     with pytest.raises(UserError, match=f"task 'ball': {says}"):
         check(**changes)
+
+
+def test_starts_of_another_width_are_told_before_what_follows_from_them(check) -> None:
+    with pytest.raises(UserError, match=r"task 'ball': MDP.reset gives v of shape \(32, 8\), not \(..., 7\)"):
+        check(whole=True, reset=starts(nv=8), observations=15, observe=lambda q, v: torch.cat([q, v], dim=1))
 
 
 def test_milliseconds_are_told(check) -> None:
@@ -116,6 +131,12 @@ def test_starts_beyond_the_range_of_a_joint_are_told(check, arm: float, says: st
     with pytest.raises(UserWarning, match=f"MDP.reset starts with arm at {says}"):
         check(reset=starts(arm=arm))
     check(reset=starts(arm=0.53))  # limits are soft
+
+
+def test_degrees_of_a_hinge_without_limits_are_told(check) -> None:
+    with pytest.raises(UserWarning, match=r"MDP\.reset starts with arm at up to 30 rad, .*: give radians"):
+        check(reset=starts(arm=-30.0), limits=None)
+    check(reset=starts(arm=6.3), limits=None)
 
 
 def test_starts_beyond_a_range_that_the_file_leaves_too_pass(check) -> None:

@@ -35,6 +35,8 @@ FREE = """<mujoco><worldbody><geom type="plane" size="9 9 1"/><body pos="0 0 1">
 CART = """<mujoco><worldbody><body><joint name="x" type="slide" axis="1 0 0"/><geom size=".1"/></body></worldbody>
 {actuator}</mujoco>"""
 MOTOR = '<actuator><motor joint="x"/></actuator>'
+ROPE = """<tendon><fixed name="rope"><joint joint="x" coef="1"/></fixed></tendon>
+<actuator><motor tendon="rope"/></actuator>"""
 
 
 def test_a_late_pushed_model() -> None:
@@ -63,7 +65,7 @@ def test_a_push_of_a_free_body_has_one_size_and_many_directions() -> None:
     assert not push[:, 2:].any()
 
 
-@pytest.mark.parametrize(("actuator", "base"), [("", (0,)), (MOTOR, ())])
+@pytest.mark.parametrize(("actuator", "base"), [("", (0,)), (MOTOR, ()), (ROPE, ())])
 def test_what_a_motor_drives_is_not_pushed(actuator: str, base: tuple[int, ...]) -> None:
     assert _loose(cmbrl.Scene.from_mjcf(CART.format(actuator=actuator))) == base
 
@@ -130,6 +132,7 @@ def test_a_policy_that_earns_no_more_than_no_action_is_told() -> None:
     assert "gentler actions" in unlearned({"policy": -650.0, "no action": -600.0})
     assert unlearned({"policy": -580.0, "no action": -600.0}) == ""
     assert unlearned({"policy": 0.5, "no action": 0.0}) == ""
+    assert "since the reward has no derivative" in unlearned({"policy": 0.0, "no action": 0.0}, slopes=False)
 
 
 def test_a_policy_that_leans_on_a_law_of_sliding_is_told() -> None:

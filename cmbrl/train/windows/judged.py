@@ -8,8 +8,9 @@ import math
 import numpy as np
 import torch
 
+from cmbrl.envs.checked_gradient import reward_slopes
 from cmbrl.envs.simulation import Simulation
-from cmbrl.envs.trials import failed, of_draws, quits, trials, without_action
+from cmbrl.envs.trials import failed, of_draws, quits, trials, unlearned, without_action
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.train.policies.policy import observed_by
@@ -42,7 +43,7 @@ class JudgedTrainer(Trainer):
         found, idle = trials(self.policy, mdp, self.model), without_action(mdp, self.model)
         returns = {"policy": found["draws"].returns, "no action": idle.returns}
         self.earned = {name: float(each.mean()) for name, each in returns.items()}
-        self.advice = quits(found["draws"], mdp)
+        self.advice = quits(found["draws"], mdp) or unlearned(self.earned, reward_slopes(mdp, "the task")[0])
         self._failed = copy.deepcopy(weights), failed(found, idle)
         return dict(self._failed[1])
 
