@@ -119,7 +119,7 @@ def test_derivatives_of_the_loss_in_time_constants(tmp_path: Path) -> None:
     evidence = Evidence.of(model, log)
     z = 0.3 * np.random.default_rng(1).normal(size=len(evidence.space))
     names = evidence.space.names
-    z[[names.index(f"{name}.command") for name in ("delay", "lag")]] = 1.0
+    z[[names.index(f"{name}.command") for name in ("delay", "lag")]] = 0.3
     loss = evidence.loss(np.array([3, 30, 77]), 3, *evidence.scales(3, 1e6))
     gradient = loss.normal_equations(evidence.space, z).gradient
     for name in ("time_constant.a", "time_constant.b", "delay.command", "lag.command", "gear.a"):
@@ -136,3 +136,12 @@ def test_a_time_constant_comes_back(tmp_path: Path) -> None:
     found = fit(wrong, log, groups=["time_constant"], method="gauss-newton", horizon=1, holdout=0.0, budget=FEW)
     assert found.parameters["time_constant.a"].value == pytest.approx(0.05, rel=1e-3)
     assert found.parameters["time_constant.b"].value == pytest.approx(0.05, rel=1e-3)
+
+
+def test_the_lag_of_propellers_comes_back(tmp_path: Path) -> None:
+    """Several times what most motors have."""
+    scene, _ = robot(tmp_path, MOTORS)
+    slow = mujoco.MjModel.from_xml_string(ARM.format(SLOW.replace('".05"', '".15"')))
+    found = fit(ComplementarityModel(scene), record(slow, late=0), groups=["delay", "lag"], horizon=4, budget=FEW)
+    assert found.parameters["lag.command"].value == pytest.approx(0.15, rel=0.03)
+    assert found.parameters["delay.command"].value < 0.003

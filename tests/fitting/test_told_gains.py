@@ -44,12 +44,14 @@ def test_a_log_that_tells_kd_wrongly(kd: float, moved: list[str], tmp_path: Path
 def told(moves: list[tuple[str, str]]) -> str | None:
     """What is said of a servo whose kd has gone from 2 to 1."""
     parameters = {"kd.a": FittedParameter(1.0, 0.9, 1.1, 2.0, "fitted"), "damping.a": FittedParameter(1, 1, 1, 1, "")}
+    parameters["kp.a"] = FittedParameter(50.0, 50.0, 50.0, 50.0, "nominal")
     report: dict[str, Any] = {"selection": [{"move": move, "group": group} for move, group in moves]}
     return gains_told(parameters, report)
 
 
 def test_what_is_said() -> None:
     assert "another kd than the log tells: 0.5 times" in (told([("add", "all"), ("add", "kd")]) or "")
+    assert "would brake so if they answered 20 ms late" in (told([("add", "all"), ("add", "kd")]) or "")
     assert told([("add", "all")]) is None
     assert told([("add", "kd"), ("remove", "kd")]) is None
     assert gains_told({}, {"selection": None}) is None

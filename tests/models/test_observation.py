@@ -64,13 +64,13 @@ def test_slopes_equal_differences(arm: Scene, ahead: float, delay: float, lag: f
         np.testing.assert_allclose(slope[:, :, k], one_sided, rtol=1e-3, atol=5e-2)
 
 
-def test_a_delay_of_a_third_of_the_bound_is_as_usual_as_none(arm: Scene) -> None:
-    """A log that tells the sum of delay and lag alone must not make two halves of a delay of 40 ms."""
+def test_a_delay_as_long_as_its_bound_is_as_usual_as_none(arm: Scene) -> None:
+    """A prior makes no two halves of a delay of 40 ms, nor shortens the lag of propellers, which is far longer."""
     offered = Observation.of(arm, 0.02).parameters
     space = Space.of(offered, np.zeros(len(offered)))
     late = space.columns(["delay", "lag"])
-    np.testing.assert_allclose(space.sd[late], 0.02)
-    np.testing.assert_allclose(space.high[late], 0.06)
+    np.testing.assert_allclose(space.sd[late], 0.06)
+    np.testing.assert_allclose(space.high[late], [0.06, 0.6])
 
 
 def test_a_servo_behind_a_biased_encoder(arm: Scene) -> None:

@@ -2,7 +2,7 @@
 
 A driver may scale its gains, or a log may tell those of another robot. A target without velocity makes kd and the
 joint's damping one number, so what a joint brakes by is told, and how it divides is the prior's; or, where kd is held,
-the log's.
+the log's. A drive that answers late brakes less than its kd, by kp times that (``outcome.inner_lag``).
 """
 
 from __future__ import annotations
@@ -28,9 +28,20 @@ def gains_told(parameters: Mapping[str, FittedParameter], report: Mapping[str, A
             usual, least, most = np.median(factors), factors.min(), factors.max()
             sentences.append(
                 f"Unseen seconds call for another {group} than the log tells: {usual:.2g} times as large "
-                f"({least:.2g} to {most:.2g} by joint).{_SUM if group == 'kd' else ''}"
+                f"({least:.2g} to {most:.2g} by joint).{_SUM + _late(parameters) if group == 'kd' else ''}"
             )
     return " ".join(sentences) or None
+
+
+def _late(parameters: Mapping[str, FittedParameter]) -> str:
+    """How late drives of the gains that a log tells would have to answer, to brake as little as the fit does."""
+    kd = {name.partition(".")[2]: p for name, p in parameters.items() if name.startswith("kd.") and p.nominal > 0.0}
+    stiff = {servo: parameters.get(f"kp.{servo}") for servo in kd}
+    late = [(p.nominal - p.value) / kp.value for servo, p in kd.items() if (kp := stiff[servo]) is not None]
+    usual = 1e3 * float(np.median(late)) if late else 0.0
+    if not usual > 0.0:
+        return ""
+    return f" Drives with the kd that is told would brake so if they answered {usual:.2g} ms late within their loops."
 
 
 def sum_told(parameters: Mapping[str, FittedParameter]) -> str | None:

@@ -22,6 +22,16 @@ _NORMAL_95 = 1.96
 _NARROWER = 0.5  # than the narrower of the two intervals: else the sum says nothing new
 
 
+def sum_of_lateness(space: Space, z: np.ndarray, covariance: np.ndarray) -> tuple[float, float]:
+    """By how much commands act late in all, and its standard deviation [s], at ``z`` (n,).
+
+    Negative where they act before they are logged. ``covariance`` (n, n) in z, zero for what is not fitted.
+    """
+    signs = 1.0 * np.isin(space.groups, [DELAY, LAG]) - np.isin(space.groups, [AHEAD])
+    slope = signs * space.slope(z)
+    return float(signs @ space.theta(z)), float(np.sqrt(max(slope @ covariance @ slope, 0.0)))
+
+
 def lateness(space: Space, z: np.ndarray, covariance: np.ndarray, step: float) -> dict[str, float] | None:
     """Delay and lag of the commands in one [s]: "value", "low" and "high" (95 %), if the log tells their sum better.
 
@@ -34,11 +44,8 @@ def lateness(space: Space, z: np.ndarray, covariance: np.ndarray, step: float) -
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     if len(own) != 2 or not (deviations[own].all() or deviations[early].any()):
         return None
-    both, signs = np.append(own, early), np.append([1.0, 1.0], -np.ones(len(early)))
-    slope = space.slope(z)[both] * signs
-    seconds = covariance[np.ix_(both, both)] * np.outer(slope, slope)
-    half = float(np.hypot(_NORMAL_95 * np.sqrt(max(seconds.sum(), 0.0)), 0.5 * step))
-    value = float(signs @ space.theta(z)[both])
+    value, deviation = sum_of_lateness(space, z, covariance)
+    half = float(np.hypot(_NORMAL_95 * deviation, 0.5 * step))
     ahead = value + half < -step
     apart = _NORMAL_95 * (deviations * space.slope(z))[own].min()
     if not ahead and not (deviations[own].all() and half < _NARROWER * apart):

@@ -17,6 +17,7 @@ from cmbrl.fitting.outcome.combinations import combinations
 from cmbrl.fitting.outcome.discrepancy import Discrepancy
 from cmbrl.fitting.outcome.draws import bearable
 from cmbrl.fitting.outcome.identify import Identification, identify
+from cmbrl.fitting.outcome.inner_lag import widened
 from cmbrl.fitting.outcome.lateness import lateness
 from cmbrl.fitting.outcome.ratios import beside, moved_and_still, ratios
 from cmbrl.fitting.outcome.untold_delay import UntoldDelay
@@ -81,6 +82,7 @@ def conclude(
     place = None if drawn is None else drawn.place
     bound, value = space.at_bound(z) & active, space.theta(z)
     parameters = _parameters(space, value, known, _status(active, bound, known.flat))
+    parameters, inner = widened(model.scene, space, z, known.wide, parameters)
     errors = {"all, nominal": told.errors(space.nominal), "all, fitted": told.errors(value), **held_out}
 
     def named(mask: np.ndarray) -> list[str]:
@@ -106,6 +108,7 @@ def conclude(
         "flat_directions": known.directions,
         "unseen": named(known.unseen),
         "untold_delay": None if late is None else late.told(space, np.diag(known.wide - late.covariance), data.dt),
+        "inner_lag": inner,
         "lateness": lateness(space, z, known.wide, model.dt / model.substeps),
         **_together(final, space, z, active, known, sets, data.q[len(data) // 2]),
         "covariance": {

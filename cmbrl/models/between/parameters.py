@@ -19,8 +19,9 @@ _INTEGRATED_BOUND = 1.0  # [rad] or [m], of a target: weak gains hold a load by 
 _LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of position in stiff servos
 _INTEGRAL_BOUND = 30.0  # [1/s]: most integrals take a fifth of a second to a few seconds
 _MOTOR_BOUND = 0.3, 1.0  # of the largest control; of one without limits
-_LATENESS = 0.05, 3.0  # largest delay and lag: [s], or this many steps of the log if that is longer
-_LATE_REACH = 0.5  # a delay of a third of that is as usual as none: a narrower prior splits it, half as a lag
+_LATENESS = 0.05, 3.0  # largest delay: [s], or this many steps of the log if that is longer
+_LARGEST_LAG = 10.0  # times that: propellers, thrusters and hydraulics take tenths of a second
+_LATE_REACH = 1.0 / 6.0  # the largest delay is one deviation of the prior of both: a narrower one shortens such lags
 
 
 def of_joints(scene: Scene, joints: Sequence[Joint], served: Sequence[Joint]) -> list[Parameter]:
@@ -55,7 +56,8 @@ def of_commands(dt: float, early: float) -> list[Parameter]:
     late = max(_LATENESS[0], _LATENESS[1] * dt)
     found = [Parameter(f"{AHEAD}.command", AHEAD, 0.0, 0.0, early, "linear", "s", default=False)] if early > 0.0 else []
     return found + [
-        Parameter(f"{group}.command", group, 0.0, 0.0, late, "linear", "s", reach=_LATE_REACH) for group in (DELAY, LAG)
+        Parameter(f"{group}.command", group, 0.0, 0.0, times * late, "linear", "s", reach=times * _LATE_REACH)
+        for group, times in ((DELAY, 1.0), (LAG, _LARGEST_LAG))
     ]
 
 

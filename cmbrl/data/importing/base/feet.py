@@ -20,6 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cmbrl.data.importing.base.giving import giving
 from cmbrl.data.importing.bodies import PLACE, QUATERNION, TURN, Floating, joints_of
 from cmbrl.data.importing.grid import Key
 from cmbrl.data.smoothing import smooth, smooth_rotations
@@ -142,7 +143,7 @@ class Touching:
     """Points (k,) that may touch a floor, in the axes of the base or, where that is turned as logged, in the world's.
 
     ``centre`` (T, k, 3) [m], ``rotation`` (T, k, 3, 3) of what it belongs to, ``radius`` (k,) [m] about it; the floor's
-    normal ``up`` (3,) and its ``level`` [m] along it.
+    normal ``up`` (3,) and its ``level`` [m] along it. ``gives`` [m]: how far they give in where they stand.
     """
 
     centre: np.ndarray
@@ -150,6 +151,7 @@ class Touching:
     radius: np.ndarray
     up: np.ndarray
     level: float
+    gives: float
 
     @classmethod
     def of(cls, scene: Scene, q: np.ndarray) -> Touching:
@@ -167,7 +169,8 @@ class Touching:
             [pos[:, b] + rot[:, b] @ core.con_posA[k] for b, k in zip(body, contacts, strict=True)], axis=1
         )
         radius = np.array([core.P[layout.contact(int(k), "radius")] for k in contacts])
-        return cls(centre, rot[:, body], radius, core.plane_normal[plane], float(core.P[layout.plane(plane)]))
+        level = float(core.P[layout.plane(plane)])
+        return cls(centre, rot[:, body], radius, core.plane_normal[plane], level, giving(scene, contacts))
 
     @property
     def height(self) -> np.ndarray:

@@ -7,6 +7,8 @@ base,
 
     base's rotation = markers' rotation R^T,      base's place = markers' place - base's rotation p - rise,
 
+How far feet give in by their softness in the file is no such difference: offsets count beyond that (``giving``).
+
 R, p and the rise of the capture's floor are those at which heights and moves of standing points are least: damped
 Gauss-Newton from four headings, each point weighed by its height over the lowest and by how far it slips. Parts of the
 motion tell values of their own: their spread says how sure the common ones are.
@@ -31,6 +33,7 @@ _ITERATIONS, _FIRST, _STEP = 25, 10, 1e-6
 _PLACE, _TURN = 0.02, np.deg2rad(0.5)  #: [m], [rad] less than which is left to a fit
 _SURE = 3.0  # times its error
 _BETTER, _SLIPS = 0.8, 0.8  # times what heights and moves are without; of their speed, that feet move over the floor
+_UNEVEN = 0.5  # of what feet give in: the difference between feet that bear more and less
 _FARTHEST = 0.5  # [m]: no markers are so far from the base, but a robot that flies or hangs is from its floor
 
 
@@ -41,7 +44,8 @@ class Markers:
     ``rise`` (3,) [m]: how much higher the capture's floor is than the file's. ``errors`` (7,): of place, turn and rise.
 
     ``share``: of the misfit without, that is left; ``slips``: how fast what stands moves over the floor, of how fast it
-    moves in the axes of the base, in the median: 1 for feet in the air.
+    moves in the axes of the base, in the median: 1 for feet in the air. ``soft`` (3,): what of place [m], turn [rad]
+    and rise [m] may be feet that give in.
     """
 
     place: np.ndarray
@@ -50,6 +54,7 @@ class Markers:
     errors: np.ndarray
     share: float
     slips: float
+    soft: np.ndarray
 
     @property
     def clear(self) -> bool:
@@ -57,7 +62,8 @@ class Markers:
         size = np.array([np.linalg.norm(part) for part in (self.place, self.turn, self.rise)])
         error = np.array([np.linalg.norm(part) for part in np.split(self.errors, [3, 6])])
         stands = self.slips < _SLIPS and self.share < _BETTER and size[0] < _FARTHEST
-        return bool(stands and ((size > [_PLACE, _TURN, _PLACE]) & (size > _SURE * error)).any())
+        much = size - self.soft > [_PLACE, _TURN, _PLACE]
+        return bool(stands and (much & (size > _SURE * error)).any())
 
     def base(self, poses: np.ndarray) -> np.ndarray:
         """Poses (T, 7) of the base from those of the markers."""
@@ -88,7 +94,9 @@ def markers(poses: np.ndarray, touching: Touching, dt: float) -> Markers:
     parts = [pairs.some(rows).fitted(best) for rows in np.array_split(np.arange(len(rows)), PARTS)]
     errors = np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS)
     share = pairs.misfit(best) / max(pairs.misfit(np.zeros(7)), 1e-12)
-    return Markers(best[:3], best[3:6], best[6] * touching.up, errors, share, pairs.slips(best))
+    apart = float(np.sqrt(np.square(touching.centre - touching.centre.mean(axis=1, keepdims=True)).sum(axis=2).mean()))
+    soft = touching.gives * np.array([1.0, _UNEVEN / max(apart, 1e-3), 1.0])
+    return Markers(best[:3], best[3:6], best[6] * touching.up, errors, share, pairs.slips(best), soft)
 
 
 def rows_of_pairs(count: int, dt: float, most: int = _ROWS) -> tuple[np.ndarray, float]:
@@ -127,7 +135,7 @@ class Pairs:
     def residuals(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heights and moves (P, k, 4) in units of what is usual, and weights (P, k) of points that stand."""
         base = (
-            Markers(x[:3], x[3:6], x[6] * self.up, np.zeros(7), 0.0, 0.0)
+            Markers(x[:3], x[3:6], x[6] * self.up, np.zeros(7), 0.0, 0.0, np.zeros(3))
             .base(self.poses.reshape(-1, 7))
             .reshape(self.poses.shape)
         )

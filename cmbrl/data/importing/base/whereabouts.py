@@ -49,7 +49,7 @@ def of_markers(
     base = next(joint for joint in joints_of(scene)[1] if joint.free)
     if told is not None:
         given = np.asarray(told, dtype=np.float64)
-        found = Markers(given[:3], np.deg2rad(given[3:]), np.zeros(3), np.zeros(7), 0.0, 0.0)
+        found = Markers(given[:3], np.deg2rad(given[3:]), np.zeros(3), np.zeros(7), 0.0, 0.0, np.zeros(3))
         return [_moved(episode, base, found) for episode in episodes], []
     longest = max(episodes, key=lambda episode: len(episode[base.name, QUATERNION]))
     poses = _poses(longest, base)
