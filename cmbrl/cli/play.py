@@ -14,7 +14,7 @@ from cmbrl.files import check_writable
 EXAMPLE = """
 cmbrl play runs/policy --out policy.mp4
 cmbrl play runs/policy --out policy.gif --seconds 4 --seed 3
-cmbrl play runs/policy --task hopper@payload:3 --out hidden.mp4   # in another real system of that robot
+cmbrl play runs/policy --task hopper@payload:3 --out hidden.mp4   # in another real system
 cmbrl play runs/policy --viewer
 """
 

@@ -13,6 +13,7 @@ import io
 import json
 import os
 import random
+import re
 import resource
 import select
 import signal
@@ -29,6 +30,7 @@ import pytest
 
 from cmbrl.errors import UserError
 
+_BESIDE = re.compile(r"cmbrl: warning|[^:]+: +\d+%, \d+ s, ")  # warnings, and progress of what takes some seconds
 RIGHT, REFUSED = "right", "refused"
 FAULTS = WRONG, TRACEBACK, NOISE, CRASH, HANG, LEFT = (
     "silently wrong", "traceback", "more than one line", "crash", "hang", "half-written",
@@ -72,7 +74,7 @@ def command(*words: object) -> str:
             code = end.code
     if code in (0, None):
         return out.getvalue()
-    lines = [line for line in err.getvalue().splitlines() if not line.startswith("cmbrl: warning")]
+    lines = [line for line in err.getvalue().splitlines() if not _BESIDE.match(line)]
     if code != 2 or len(lines) != 1 or not lines[0].startswith("cmbrl: ") or out.getvalue():
         raise Fault(NOISE, f"exit code {code}: {err.getvalue()[-500:]}")
     raise UserError(lines[0])
