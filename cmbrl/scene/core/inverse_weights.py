@@ -47,19 +47,21 @@ def weight_arrays(
     parameter moves; ``shapes``: the core's arrays of those of inertias; ``tendons``: numbers in the file of those among
     the lines.
     """
-    slopes = np.concatenate([np.eye(model.nv), _slopes_of_tendons(model, tendons)])  # of lines
-    armatures = np.array([layout.dof(line) for line in range(len(slopes))], dtype=int)
-    trees = _trees(tree, slopes[(P[armatures] != 0.0) | np.isin(armatures, idx)])
-    of_lines = trees[np.argmax(slopes != 0.0, axis=1)]
-    reflecting = dict(zip(armatures.tolist(), of_lines.tolist(), strict=True))
-    parameters, owners = _inertial(tree, ptr, idx, shapes, layout, trees, reflecting)
-    reflected = (slopes.T * P[armatures]) @ slopes
-    found = _Weights(model, tree, plane, trees, owners, reflected)
+    slopes = _slopes_of_tendons(model, tendons)
+    armatures = np.array([layout.dof(line) for line in range(model.nv + len(slopes))], dtype=int)
+    reflecting = (P[armatures] != 0.0) | np.isin(armatures, idx)
+    trees = _trees(tree, slopes[reflecting[model.nv :]])
+    of_lines = [*trees.tolist(), *trees[np.argmax(slopes != 0.0, axis=1)].tolist()]
+    parameters, owners = _inertial(tree, ptr, idx, shapes, layout, trees, dict(zip(armatures, of_lines, strict=True)))
+    inverse = _InverseMass(model, tree, trees, P[armatures], slopes)
+    found = _Weights(model, tree, plane, inverse, owners)
     lines = np.full(model.nv + len(limits["tendon_ptr"]) - 1, -1)
     for joint in tree.joints:
         if model.jnt_type[joint.source] != mujoco.mjtJoint.mjJNT_FREE:
-            lines[list(joint.dofs)] = found.of_rows(np.eye(model.nv)[list(joint.dofs)])
-    lines[model.nv : len(slopes)] = [found.of_rows(slope[None]) for slope in slopes[model.nv :]]
+            rows = np.zeros((len(joint.dofs), model.nv))
+            rows[range(len(joint.dofs)), list(joint.dofs)] = 1.0
+            lines[list(joint.dofs)] = found.of_rows(rows)
+    lines[model.nv : model.nv + len(slopes)] = [found.of_rows(slope[None]) for slope in slopes]
     sides = model.geom_bodyid[candidates.geoms]
     of_body = np.full(model.nbody, -1)
     for body in np.unique(sides) if contact_law in SOFTENED_LAWS else ():
@@ -119,42 +121,64 @@ def _inertial(
     return integers(order), integers([found[k] for k in order])
 
 
+class _InverseMass:
+    """The inverse of the mass matrix at qpos0, tree by tree: of many bodies, most of it is 0."""
+
+    def __init__(self, model: mujoco.MjModel, tree: Tree, trees: Integers, armatures: Array, slopes: Array) -> None:
+        """``trees`` (nv,) of dofs; ``armatures`` (nv + nt,) of these and of tendons, whose ``slopes`` are (nt, nv)."""
+        self.model, self.trees = model, trees
+        self._armatures, self._slopes = armatures, slopes
+        first = [body.joints[0].dofs[0] for body in tree.bodies]
+        self._bodies: dict[int, list[int]] = {}
+        for body, frame in enumerate(tree.frames):
+            if frame.body != WORLD:
+                self._bodies.setdefault(int(trees[first[frame.body]]), []).append(body)
+        self._known: dict[int, tuple[Integers, Array]] = {}
+        self._data = mujoco.MjData(model)
+        mujoco.mj_kinematics(model, self._data)
+        mujoco.mj_comPos(model, self._data)
+
+    def jacobian(self, body: int) -> Array:
+        """(6, nv) of the centre of mass of a body of the file."""
+        J = np.zeros((6, self.model.nv))
+        mujoco.mj_jacBodyCom(self.model, self._data, J[:3], J[3:], body)
+        return J
+
+    def weight(self, J: Array) -> tuple[float, Integers]:
+        """tr(J M^-1 J^T) of rows ``J`` (m, nv), and the trees that these move."""
+        moved, total = np.unique(self.trees[J.any(axis=0)]), 0.0
+        for label in moved.tolist():
+            dofs, inverse = self._known.get(label) or self._known.setdefault(label, self._of_tree(label))
+            total += float(np.sum((J[:, dofs] @ inverse) * J[:, dofs]))
+        return total, moved
+
+    def _of_tree(self, label: int) -> tuple[Integers, Array]:
+        dofs = integers(np.flatnonzero(self.trees == label))
+        own = self._slopes[:, dofs]
+        mass = np.diag(self._armatures[dofs]) + (own.T * self._armatures[self.model.nv :]) @ own
+        for body in self._bodies[label]:
+            J, axes = self.jacobian(body)[:, dofs], self._data.ximat[body].reshape(3, 3)
+            turned = axes.T @ J[3:]
+            mass += self.model.body_mass[body] * J[:3].T @ J[:3]
+            mass += turned.T @ (self.model.body_inertia[body][:, None] * turned)
+        return dofs, np.asarray(np.linalg.pinv(mass, hermitian=True), dtype=np.float64)
+
+
 class _Weights:
     """Weights of the file, by what the core needs to compute them: a body and a point of it, or rows J."""
 
     def __init__(
-        self,
-        model: mujoco.MjModel,
-        tree: Tree,
-        plane: PlaneOfMotion | None,
-        trees: Integers,
-        owners: Integers,
-        reflected: Array,
+        self, model: mujoco.MjModel, tree: Tree, plane: PlaneOfMotion | None, inverse: _InverseMass, owners: Integers
     ) -> None:
-        """``trees`` (nv,) of degrees of freedom and ``owners`` of parameters; ``reflected`` (nv, nv): by armatures."""
+        """``owners``: trees of parameters, rising."""
         self.model, self.tree, self.plane = model, tree, plane
-        self.trees, self.owners = trees, owners
+        self.inverse, self.owners = inverse, owners
         self._spans: list[tuple[int, int]] = []
         self._bodies: list[int] = []
         self._points: list[Array] = []
         self._carried: list[bool] = []
         self._rows: list[Array] = []
         self._values: list[float] = []
-        self._data = mujoco.MjData(model)
-        mujoco.mj_kinematics(model, self._data)
-        mujoco.mj_comPos(model, self._data)
-        mass = reflected.copy()
-        for body in range(1, model.nbody):
-            J, axes = self._jacobian(body), self._data.ximat[body].reshape(3, 3)
-            turned = axes.T @ J[3:]
-            mass += model.body_mass[body] * J[:3].T @ J[:3] + turned.T @ (model.body_inertia[body][:, None] * turned)
-        self._inverse = np.linalg.pinv(mass, hermitian=True)
-
-    def _jacobian(self, body: int) -> Array:
-        """(6, nv) of the centre of mass of a body of the file."""
-        J = np.zeros((6, self.model.nv))
-        mujoco.mj_jacBodyCom(self.model, self._data, J[:3], J[3:], body)
-        return J
 
     def of_rows(self, J: Array) -> int:
         """The number of the weight of rows J (m, nv); -1: MuJoCo takes it for zero."""
@@ -166,10 +190,10 @@ class _Weights:
         point = frame.pos + frame.rot @ self.model.body_ipos[body]
         if carried:
             point = point - self.tree.bodies[frame.body].com
-        return self._add(frame.body, point, carried, self._jacobian(body)[:3], np.empty((0, self.model.nv)))
+        return self._add(frame.body, point, carried, self.inverse.jacobian(body)[:3], np.empty((0, self.model.nv)))
 
     def _add(self, body: int, point: Array, carried: bool, J: Array, rows: Array) -> int:
-        value = float(np.sum((J @ self._inverse) * J))
+        value, trees = self.inverse.weight(J)
         if value < _NOTHING:
             return -1
         self._bodies.append(body)
@@ -177,9 +201,8 @@ class _Weights:
         self._carried.append(carried)
         self._rows.append(rows)
         self._values.append(value)
-        trees = self.trees[J.any(axis=0)]  # of tendons: several trees, and those between them
         first, last = np.searchsorted(self.owners, trees.min()), np.searchsorted(self.owners, trees.max(), "right")
-        self._spans.append((int(first), int(last)))
+        self._spans.append((int(first), int(last)))  # of tendons: of several trees, and those between them
         return len(self._values) - 1
 
     def arrays(self) -> dict[str, Any]:
