@@ -320,15 +320,29 @@ def test_ctrl_c_leaves_the_best_so_far(place: Path) -> None:
     running = subprocess.Popen(
         [sys.executable, "-m", "cmbrl", *options], cwd=place, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    while not (place / "interrupted/state.json").exists():
+    state = place / "interrupted/state.json"
+    while not (state.exists() and '"begin"' in state.read_text()):  # until then, the log is checked
         assert running.poll() is None, running.communicate()
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
     shown, complaint = running.communicate(timeout=60)
     assert running.returncode == 130
-    assert complaint.splitlines()[-1].startswith("cmbrl: interrupted")
+    assert complaint.splitlines()[-1].startswith("cmbrl: interrupted: the best fit so far is in interrupted")
     assert "STOPPED EARLY" in shown
     assert json.loads((place / "interrupted/fit.json").read_text())["report"]["stopped"] == "interrupted"
+
+
+def test_ctrl_c_during_the_checks_names_the_way_on(
+    place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def checking(*arguments: object, folder: Path, **options: object) -> None:
+        (folder / "state.json").write_text("{}")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("cmbrl.fitting.fit_or_played", checking)
+    monkeypatch.chdir(place)
+    assert main(["fit", "hopper", "--data", "log.npz", "--out", "checking"]) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == "cmbrl: interrupted: continue with --resume"
 
 
 def test_a_python_user_has_the_same_names() -> None:

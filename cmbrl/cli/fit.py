@@ -6,7 +6,8 @@ import argparse
 import json
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -42,6 +43,7 @@ cmbrl fit robot.xml --data log.npz --out runs/robot --groups friction --set fric
 cmbrl fit --config configs/hopper.yaml --seed 1 --out runs/again
 """
 
+STATE = "state.json"
 METHODS = ("gauss-newton", "random", "cma")
 
 
@@ -123,7 +125,7 @@ def run(arguments: argparse.Namespace) -> int:
     started = time.monotonic(), time.process_time()
     source = load_source(arguments.source, arguments.ignore, arguments.contact_law, arguments.self_contact)
     out = Path(arguments.out)
-    check = partial(check_folder, out, "fit", ("state.json", RESULT), arguments.resume)
+    check = partial(check_folder, out, "fit", (STATE, RESULT), arguments.resume)
     start = start_values(source.scene, dict(arguments.set))
     # Until all input is checked, the share that is done is 0, and nothing may be written.
     write_configuration = cache(lambda: write_run(out, "fit", resolved(arguments)))
@@ -152,7 +154,7 @@ def run(arguments: argparse.Namespace) -> int:
             show(done, text)
 
         search = fit if arguments.no_play else partial(fit_or_played, within_limit=True)
-        with alone_in(out):
+        with alone_in(out), resumable(out):
             check()  # once more: another run may have ended there meanwhile
             result = search(
                 model,
@@ -176,6 +178,15 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"cmbrl: interrupted: the best fit so far is in {out}; continue it with --resume", file=sys.stderr)
         return EXIT_INTERRUPTED
     return 0
+
+
+@contextmanager
+def resumable(out: Path) -> Iterator[None]:
+    """Names the way on where Ctrl-C comes before there is a fit, or a second time."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(*(["continue with --resume"] if (out / STATE).exists() else [])) from None
 
 
 def start_values(scene: Scene, wanted: Mapping[str, float]) -> np.ndarray:

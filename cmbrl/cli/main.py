@@ -54,8 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         print("cmbrl: out of memory: ask for less at a time, or use a larger machine", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("cmbrl: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as interruption:
+        print("cmbrl: interrupted", *interruption.args, sep=": ", file=sys.stderr)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
         # The reader has gone (`cmbrl info hopper | head`): keep the interpreter from complaining at exit.
