@@ -2,7 +2,7 @@
 #pragma once
 #include <string>
 
-#include "scene/model.hpp"
+#include "scene/call.hpp"
 #include "nets/net_backend.hpp"
 #include "solver/problem_batch.hpp"
 

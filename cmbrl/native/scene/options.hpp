@@ -7,7 +7,7 @@
 
 #include "base/arrays.hpp"
 #include "base/engine.hpp"
-#include "scene/model.hpp"
+#include "scene/call.hpp"
 
 namespace cmbrl {
 

@@ -4,6 +4,7 @@
 #include "base/fill.hpp"
 #include "base/memory.hpp"
 #include "scene/active_rows.hpp"
+#include "scene/call.hpp"
 #include "scene/packed.hpp"
 
 namespace cmbrl::CMBRL_ISA {

@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "scene/model.hpp"
+#include "scene/call.hpp"
 
 namespace cmbrl {
 

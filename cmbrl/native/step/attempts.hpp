@@ -6,7 +6,7 @@
 #include <numeric>
 #include <vector>
 
-#include "scene/model.hpp"
+#include "scene/call.hpp"
 
 namespace cmbrl {
 
