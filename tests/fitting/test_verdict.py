@@ -14,7 +14,7 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.report_text import render
-from cmbrl.fitting.outcome.unseen_errors import _by_chance, by_horizon
+from cmbrl.fitting.outcome.unseen_errors import by_chance, by_horizon
 from cmbrl.fitting.outcome.verdict import lost, remark, warning
 from cmbrl.fitting.search.unseen import Unseen
 
@@ -56,19 +56,21 @@ def test_holding_is_no_rival_where_it_tells_nothing() -> None:
 
 
 def test_what_may_be_chance_is_no_reason_for_distrust() -> None:
-    """In one part of eight a box is missed that was hit; in the others it is predicted better, or not."""
+    """A box is pushed in one part of eight, which rules the mean; the others are predicted better."""
     row = _row(351, (5.7, 0.24, 0.25), (6.5, 0.15, 0.165)) | {"estimated": True}
+    both = {"chance": {"rmse": True, "loss": True}}
     assert warning([row]) is not None
     assert warning([row | {"chance": {"rmse": True, "loss": False}}]) is not None  # by one measure it is no chance
-    told = [row | {"chance": {"rmse": True, "loss": True}}]
-    assert warning(told) is None
-    assert remark(told) == " It loses by no more than chance to the file as it is over 351 step(s)."
+    assert warning([row | both]) is None
+    assert remark([row | both]) == " It loses by no more than chance to the file as it is over 351 step(s)."
+    far = _row(351, (5.7, 0.24, 0.35), (6.5, 0.15, 0.165)) | both  # as one that falls in one part of eight
+    assert warning([far]) is not None
     parts = np.repeat(np.arange(8), 4)
-    missed, gained, worse = (np.where(parts == 7, x, y) for x, y in ((3.0, 0.5), (1.0, 0.9), (3.0, 1.0)))
-    assert _by_chance(np.ones(32), missed - 0.1, parts)
-    assert not _by_chance(np.ones(32), worse, parts)  # nothing is gained elsewhere
-    assert not _by_chance(gained, gained + 1.0, parts)
-    assert not _by_chance(np.ones(32), np.where(parts == 7, np.inf, 0.5), parts)
+    before, after = (np.where(parts == 7, *each) for each in ((0.40, 8e-4), (0.45, 4e-4)))
+    assert by_chance(before, after, parts)
+    assert not by_chance(before, 1.1 * before + 0.01, parts)  # alike in all parts
+    assert not by_chance(before, np.where(parts == 7, np.inf, 0.0), parts)
+    assert not by_chance(before, after, np.zeros(32, dtype=int))  # one part tells nothing of chance
 
 
 def test_a_file_that_tells_less_than_holding_is_no_rival() -> None:

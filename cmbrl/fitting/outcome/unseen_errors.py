@@ -12,7 +12,7 @@ import numpy as np
 
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.judge import Judge
-from cmbrl.fitting.search.folds import NOISE_FACTOR, paired_gain
+from cmbrl.fitting.search.folds import NOISE_FACTOR
 from cmbrl.fitting.search.unseen import Unseen
 from cmbrl.models.deviations import deviations
 from cmbrl.models.windows import blocks_of, least_units, noise_of_positions
@@ -104,20 +104,19 @@ def _measured(
         row["loss"][name] = float(losses.mean())
         by_window[name] = {"rmse": squares.mean(axis=1), "loss": losses}
     index = np.unique(blocks[np.concatenate([judge.starts for judge, _ in parts])], return_inverse=True)[1]
-    row["chance"] = {
-        each: _by_chance(by_window["nominal"][each], by_window["fitted"][each], index) for each in MEASURES
-    }
+    row["chance"] = {each: by_chance(by_window["nominal"][each], by_window["fitted"][each], index) for each in MEASURES}
     return row
 
 
-def _by_chance(nominal: np.ndarray, fitted: np.ndarray, blocks: np.ndarray) -> bool:
-    """Whether losses (s,) that are larger ``fitted`` than ``nominal`` may be so by chance of the ``blocks`` (s,).
+def by_chance(nominal: np.ndarray, fitted: np.ndarray, blocks: np.ndarray) -> bool:
+    """Whether the mean of losses (s,) rises from ``nominal`` to ``fitted`` by no more than chance of ``blocks`` (s,).
 
-    A few parts of a log, as where a robot just misses what it pushes, may rule the mean, and others say the contrary.
+    A few parts of a log, as where a robot just misses what it pushes, may rule a mean.
     """
     with np.errstate(invalid="ignore", over="ignore"):
-        rise, noise = paired_gain(fitted, nominal, blocks)
-    return bool(rise <= NOISE_FACTOR * noise)  # never where a prediction is not finite
+        rise = np.bincount(blocks, weights=fitted - nominal) / np.bincount(blocks)
+        noise = rise.std(ddof=1) / np.sqrt(len(rise)) if len(rise) > 1 else 0.0
+    return bool(rise.mean() <= NOISE_FACTOR * noise)  # never where a prediction is not finite
 
 
 def _finite(error: np.ndarray) -> np.ndarray:

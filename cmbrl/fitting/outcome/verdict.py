@@ -69,8 +69,14 @@ def _excuse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
     """In what way it loses to ``other`` that is of little weight; empty if it is not."""
     if _slightly(rows, other):
         return "a little"
-    lost_by = ((row.get("chance", {}), measure) for row in rows for measure in MEASURES if _loses(row, other, measure))
-    return "by no more than chance" if other == "nominal" and all(own.get(each) for own, each in lost_by) else ""
+    lost_by = [(row, measure) for row in rows for measure in MEASURES if _loses(row, other, measure)]
+    return "by no more than chance" if other == "nominal" and all(_by_chance(*each) for each in lost_by) else ""
+
+
+def _by_chance(row: Mapping[str, Any], measure: str) -> bool:
+    """Whether it is hardly worse than the file, and parts of the log differ in that by more."""
+    hardly = row[measure]["fitted"] <= _SLIGHTLY * row[measure]["nominal"]
+    return hardly and row.get("chance", {}).get(measure, False)  # fits of earlier versions do not tell
 
 
 def _loses(row: Mapping[str, Any], other: str, measure: str) -> bool:
