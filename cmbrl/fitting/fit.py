@@ -27,7 +27,7 @@ from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.fitting.log.noise import sensor_noise
 from cmbrl.fitting.outcome.report import conclude
-from cmbrl.fitting.outcome.verdict import by_horizon
+from cmbrl.fitting.outcome.unseen_errors import by_horizon
 from cmbrl.fitting.pace import ALLOWED
 from cmbrl.fitting.result import FitResult
 from cmbrl.fitting.search.cma import require_library

@@ -25,7 +25,7 @@ from cmbrl.fitting.log.horizons import judged_over
 from cmbrl.fitting.log.judge import judged_rows
 from cmbrl.fitting.log.sliding import rivals
 from cmbrl.fitting.log.start_noise import adrift, noise_of_starts
-from cmbrl.fitting.outcome.verdict import HORIZONS as REPORTED
+from cmbrl.fitting.outcome.unseen_errors import HORIZONS as REPORTED
 from cmbrl.fitting.outcome.verdict import STEPS_TRIED
 from cmbrl.fitting.search.beginning import begins
 from cmbrl.fitting.search.folds import draw_starts, folds_held_out

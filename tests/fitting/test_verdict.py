@@ -14,7 +14,8 @@ from cmbrl.fitting.budget import Budget
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.report_text import render
-from cmbrl.fitting.outcome.verdict import by_horizon, lost, remark, warning
+from cmbrl.fitting.outcome.unseen_errors import by_chance, by_horizon
+from cmbrl.fitting.outcome.verdict import lost, remark, warning
 from cmbrl.fitting.search.unseen import Unseen
 
 from .arm_log import followed
@@ -52,6 +53,24 @@ def test_holding_is_no_rival_where_it_tells_nothing() -> None:
     assert warning([_row(100, (0.9, 34.0, 6.6), (1.0, 342.0, 35.0))]) is not None
     assert warning([_row(1, (1.2, 3.0, 1.3), (1.2, 3.0, 1.3))]) is not None  # in units of the change
     assert warning([_row(100, (6.4, 5.0, 6.6), (86.0, 5.0, 35.0))]) is not None  # the file is a rival everywhere
+
+
+def test_what_may_be_chance_is_no_reason_for_distrust() -> None:
+    """A box is pushed in one part of eight, which rules the mean; the others are predicted better."""
+    row = _row(351, (5.7, 0.24, 0.25), (6.5, 0.15, 0.165)) | {"estimated": True}
+    both = {"chance": {"rmse": True, "loss": True}}
+    assert warning([row]) is not None
+    assert warning([row | {"chance": {"rmse": True, "loss": False}}]) is not None  # by one measure it is no chance
+    assert warning([row | both]) is None
+    assert remark([row | both]) == " It loses by no more than chance to the file as it is over 351 step(s)."
+    far = _row(351, (5.7, 0.24, 0.35), (6.5, 0.15, 0.165)) | both  # as one that falls in one part of eight
+    assert warning([far]) is not None
+    parts = np.repeat(np.arange(8), 4)
+    before, after = (np.where(parts == 7, *each) for each in ((0.40, 8e-4), (0.45, 4e-4)))
+    assert by_chance(before, after, parts)
+    assert not by_chance(before, 1.1 * before + 0.01, parts)  # alike in all parts
+    assert not by_chance(before, np.where(parts == 7, np.inf, 0.0), parts)
+    assert not by_chance(before, after, np.zeros(32, dtype=int))  # one part tells nothing of chance
 
 
 def test_a_file_that_tells_less_than_holding_is_no_rival() -> None:
@@ -165,6 +184,9 @@ def test_the_first_line_of_a_fit_tells_of_a_loss_in_rmse(carts) -> None:
     worse = [{**row, "rmse": {**row["rmse"], "fitted": 2.0 * row["rmse"]["nominal"]}} for row in report["horizons"]]
     assert "DO NOT TRUST" in first_line({**report, "horizons": worse}).split(".")[0]
     hasty = {"limit": 250.0, "asked": False, "shares": {"choice": 0.0625, "polish": 0.044, "held out": 0.02}}
+    assert "by RMSE; it did 4% of its usual work: give it --time-limit" in first_line(
+        {**report, "horizons": [little, *beyond[1:]], "pace": hasty}
+    )
     assert first_line({**report, "horizons": worse, "pace": hasty}).endswith(
         "; it did 4% of its usual work: give it --time-limit 5700."
     )
@@ -205,7 +227,7 @@ def test_holding_is_no_rival_where_the_noise_of_the_sensors_rules(tmp_path: Path
     row = {**rows[0], **{of: {"hold": 0.8, "nominal": 4.0, "fitted": 1.0} for of in ("rmse", "loss")}}
     assert warning([{**row, "noise": 0.7}]) is None
     assert "loses to holding the velocity over 1 step(s)" in str(warning([{**row, "noise": 0.1}]))
-    row = {**rows[0], **{of: {"hold": 0.8, "nominal": 0.7, "fitted": 0.75} for of in ("rmse", "loss")}}
+    row = rows[0] | {of: {"hold": 0.8, "nominal": 0.7, "fitted": 0.75} for of in ("rmse", "loss")} | {"chance": {}}
     assert warning([{**row, "noise": 0.6}]) is None
     assert "loses to the file as it is over 1 step(s)" in str(warning([{**row, "noise": 0.1}]))
 

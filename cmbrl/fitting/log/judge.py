@@ -71,7 +71,11 @@ class Judge:
 
     def loss(self, off: np.ndarray) -> np.ndarray:
         """Mean Huber losses (2 nv,) of the errors ``off`` (s, 2 nv)."""
-        return huber(np.nan_to_num(off / self.scale, nan=1e6), self.huber).mean(axis=0)
+        return self.losses(off).mean(axis=0)
+
+    def losses(self, off: np.ndarray) -> np.ndarray:
+        """Huber losses (s, 2 nv) of the errors ``off`` (s, 2 nv)."""
+        return huber(np.nan_to_num(off / self.scale, nan=1e6), self.huber)
 
     def off(self, theta: np.ndarray, model: ComplementarityModel | None = None) -> np.ndarray:
         """Predicted less logged states (s, 2 nv), as for ``error``."""

@@ -49,7 +49,9 @@ def first_line(report: Mapping[str, Any]) -> str:
         return f"{early}The fit predicts unseen seconds about as well as {start} ({told})."
     better = f"The fit predicts unseen seconds {_times(before, after)} times better than {start}"
     told = f"{better} ({short}){_times_far(report, errors.far)}{_doubts(report)}.{_hardly(rows)}"
-    told += f"{_reach(report)}{remark(rows, start)}"
+    told += _reach(report)
+    if less := remark(rows, start):
+        told += f"{less.removesuffix('.')}{hurried(report.get('pace'))}."
     return f"{_apart(report)}{told} {stopped}".rstrip() if before >= _FAR_BELOW * after else f"{early}{told}"
 
 

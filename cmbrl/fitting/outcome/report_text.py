@@ -22,8 +22,9 @@ from cmbrl.fitting.outcome.laws_told import laws_told, play_told
 from cmbrl.fitting.outcome.noise_told import left_told, sensors_told, starts_told
 from cmbrl.fitting.outcome.tables import WIDTH, combinations, ratios, table
 from cmbrl.fitting.outcome.unit import unit_told
+from cmbrl.fitting.outcome.unseen_errors import MEASURES, MODELS
 from cmbrl.fitting.outcome.untold_delay import untold_delay_told
-from cmbrl.fitting.outcome.verdict import MEASURES, MODELS, advice
+from cmbrl.fitting.outcome.verdict import advice
 from cmbrl.scene.info.columns import counted
 
 _SHOWN = 3  # elements of a list that is folded

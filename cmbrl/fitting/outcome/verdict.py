@@ -14,103 +14,18 @@ import numpy as np
 
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.judge import Judge
-from cmbrl.fitting.search.unseen import Unseen
+from cmbrl.fitting.outcome.unseen_errors import HORIZONS, LOST, MEASURES, MODELS
 from cmbrl.models.complementarity import ComplementarityModel
-from cmbrl.models.deviations import deviations
-from cmbrl.models.windows import blocks_of, least_units, noise_of_positions
 
-HORIZONS = (1, 5, 20, 100)  #: those of ``cmbrl error``, which the user will look at
-MODELS = ("hold", "nominal", "fitted")
-MEASURES = {"rmse": "RMSE", "loss": "Huber loss"}  #: large errors rule the first, usual ones the second
 FILE = "the file"  #: what a fit begins at, and is compared with
 _HURRIED, _MOVING = 0.75, ("choice", "polish")  # share of their work, of the parts that move parameters
-_LOST = 1e300  # JSON has no infinity
 _WORSE, _SLIGHTLY = 1.01, 1.2  # times the error of another model
 _EXPLODED = 10.0  # times the file's error, where that tells nothing either
 EXACT = 1e-6  #: an RMSE of one step that the solver leaves: nothing is to be gained
 _NOISY = 2.0  # times the square of noise: at least half of an error's square is noise
 _CLEARLY_BETTER = 0.9  # times the error of the settings as given
 STEPS_TRIED = 22  #: of a transition, under all those settings together
-_SHARE_OF_POSITIONS, _OF_PART = 0.5, 0.9  # of the judges' windows; of the rows of a held-out part
-_LONG = 5000  # steps, which are predicted one after the other: 25 s at 200 Hz, and longer tells no more
 _SHARE = 0.25  # of the judges' windows: settings are compared on the same ones, and quarter steps cost the most
-
-
-def by_horizon(
-    evidence: Evidence, unseen: Unseen, delta: float, share: float = 1.0, noise: np.ndarray | None = None
-) -> list[dict[str, Any]]:
-    """Errors by horizon of holding the velocity, of the start and of the fit, on episodes not seen.
-
-    By measure: "rmse", in the units of ``cmbrl error``, and "loss", the mean Huber loss. "by_channel": the fit's RMSE
-    of each coordinate and velocity that is compared, in their order. ``share``: of the windows.
-    ``noise`` (logs, 2 nv): of the sensors; "noise" is the RMSE that it alone gives to holding the velocity. Where
-    velocities are estimates, over one horizon: nearly as long as the parts that are held out; "encoders" is the RMSE
-    that noise of positions alone leaves there, where servos hold all joints.
-    """
-    log, scene = evidence.log, evidence.model.scene
-    told = np.tile(evidence.told, 2)
-    units: Sequence[np.ndarray] = [np.where(told, unit, np.inf) for unit in deviations(log, scene)]
-    horizons: Sequence[int] = HORIZONS
-    if evidence.positions_only:
-        horizons, share = (_longest(evidence, unseen.horizon),), _SHARE_OF_POSITIONS * share
-        least = least_units(scene, log)
-        least = np.where(evidence.measured, least, np.inf)
-        units = [np.append(np.hypot(unit[: scene.nv], least), np.full(scene.nv, np.inf)) for unit in units]
-    found: dict[int, list[tuple[Judge, dict[str, np.ndarray]]]] = {}
-    for held_out, theta in zip(unseen.rows, unseen.theta, strict=True):
-        for judge in Judge.all(evidence, delta, held_out, horizons, share / len(unseen.rows)):
-            off = {"hold": judge.off_held(), "nominal": judge.off(evidence.space.nominal), "fitted": judge.off(theta)}
-            found.setdefault(judge.horizon, []).append((judge, off))
-    rows = [_measured(steps, parts, units[0 if steps == 1 else 1]) for steps, parts in found.items()]
-    if evidence.positions_only:
-        held = len(evidence.observation.joints_q) == scene.nv == scene.nu and evidence.observation.holds.all()
-        floor = _root_mean(noise_of_positions(scene, log), units[1][: scene.nv]) if held else 0.0
-        rows = [row | {"estimated": True, "encoders": floor} for row in rows]
-    for row in rows:
-        if noise is None:
-            break
-        row["noise"] = _noise_of_holding(noise, row["steps"] * log.dt, units[0 if row["steps"] == 1 else 1])
-    return rows
-
-
-def _root_mean(noise: np.ndarray, unit: np.ndarray) -> float:
-    """Root mean square of ``noise`` (nv,) in the ``unit`` (nv,) of what is compared."""
-    moves = np.isfinite(unit)
-    return float(np.sqrt(np.mean((noise[moves] / unit[moves]) ** 2))) if moves.any() else 0.0
-
-
-def _longest(evidence: Evidence, least: int) -> int:
-    """Steps that most parts of the log have windows of, ``least`` at least; of long parts, what is soon done."""
-    lengths = np.bincount(blocks_of(evidence.log))
-    return max(least, min(_LONG, round(_OF_PART * float(np.median(lengths[lengths > 0])))))
-
-
-def _noise_of_holding(noise: np.ndarray, duration: float, unit: np.ndarray) -> float:
-    """RMSE of holding the velocity for ``duration`` [s] if only the ``noise`` (logs, 2 nv) errs, at both ends."""
-    q, v = np.split(noise, 2, axis=1)
-    square = np.concatenate([2.0 * q**2 + (duration * v) ** 2, 2.0 * v**2], axis=1)
-    moves = np.isfinite(unit)
-    return float(np.sqrt((square[:, moves] / unit[moves] ** 2).mean()))
-
-
-def _measured(steps: int, parts: Sequence[tuple[Judge, Mapping[str, np.ndarray]]], unit: np.ndarray) -> dict[str, Any]:
-    """Errors of all folds together; a prediction that is not finite makes the RMSE infinite."""
-    row: dict[str, Any] = {"steps": steps, "rmse": {}, "loss": {}}
-    moves = np.isfinite(unit)
-    for name in MODELS:
-        off = np.concatenate([own[name] for _, own in parts])[:, moves] / unit[moves]
-        with np.errstate(over="ignore"):
-            squares = np.square(off).mean(axis=0)
-            row["rmse"][name] = float(_finite(np.sqrt(squares.mean())))
-            if name == "fitted":
-                row["by_channel"] = _finite(np.sqrt(squares)).tolist()
-        losses = [float(judge.loss(own[name]).sum()) * len(judge.starts) for judge, own in parts]
-        row["loss"][name] = sum(losses) / sum(len(judge.starts) for judge, _ in parts)
-    return row
-
-
-def _finite(error: np.ndarray) -> np.ndarray:
-    return np.nan_to_num(error, nan=_LOST, posinf=_LOST)
 
 
 def start_of(report: Mapping[str, Any]) -> str:
@@ -126,35 +41,55 @@ def warning(rows: Sequence[Mapping[str, Any]], start: str = FILE) -> str | None:
     sensors' noise more than by motion, as over one short step: what the noise of a start does to a stiff contact is no
     fault of the fit. Where noise is most of what the file leaves, a fit is no better or worse than it, unless it adds
     as much again; nor where the file is off by more than the states vary and than holding is, unless the fit explodes.
-    What it loses over short horizons alone, hardly and by one measure, ``remark`` tells.
+    What it loses over short horizons alone, hardly and by one measure, or may lose by chance, ``remark`` tells.
     """
-    parts = [f"{name} over {where}" for name, where, slightly in _lost_to(rows, start) if not slightly]
+    parts = [f"{name} over {where}" for name, where, excuse in _lost_to(rows, start) if not excuse]
     return f"DO NOT TRUST THIS FIT: on unseen episodes it loses to {', and to '.join(parts)}" if parts else None
 
 
 def remark(rows: Sequence[Mapping[str, Any]], start: str = FILE) -> str:
-    """A sentence, after a blank, on what the fit loses over short horizons alone, hardly and by one measure; or none.
+    """A sentence, after a blank, on what the fit loses by chance, or hardly and by one measure over short horizons.
 
     A few impacts, and estimates of velocities, rule the RMSE of one step of whatever model.
     """
-    parts = [f"to {name} over {where}" for name, where, slightly in _lost_to(rows, start) if slightly]
-    return f" It loses a little {', and '.join(parts)}." if parts else ""
+    parts = [f"{excuse} to {name} over {where}" for name, where, excuse in _lost_to(rows, start) if excuse]
+    return f" It loses {', and '.join(parts)}." if parts else ""
 
 
-def _lost_to(rows: Sequence[Mapping[str, Any]], start: str) -> list[tuple[str, str, bool]]:
-    """Models to which the fit loses, the horizons at which it does, and whether that is little."""
+def _lost_to(rows: Sequence[Mapping[str, Any]], start: str) -> list[tuple[str, str, str]]:
+    """Models to which the fit loses, the horizons at which it does, and what excuses that, if anything."""
     names = {"hold": "holding the velocity", "nominal": f"{start} as it is"}
     if rows and max(rows[0]["rmse"][which] for which in ("nominal", "fitted")) < EXACT:
         del names["nominal"]  # beyond one step, chaos makes of rounding what it likes
-    found = ((name, _worse(rows, other), _slightly(rows, other)) for other, name in names.items())
-    return [(name, where, slightly) for name, where, slightly in found if where]
+    found = ((name, _worse(rows, other), _excuse(rows, other)) for other, name in names.items())
+    return [(name, where, excuse) for name, where, excuse in found if where]
+
+
+def _excuse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
+    """In what way it loses to ``other`` that is of little weight; empty if it is not."""
+    if _slightly(rows, other):
+        return "a little"
+    lost_by = [(row, measure) for row in rows for measure in MEASURES if _loses(row, other, measure)]
+    return "by no more than chance" if other == "nominal" and all(_by_chance(*each) for each in lost_by) else ""
+
+
+def _by_chance(row: Mapping[str, Any], measure: str) -> bool:
+    """Whether it is hardly worse than the file, and parts of the log differ in that by more."""
+    hardly = row[measure]["fitted"] <= _SLIGHTLY * row[measure]["nominal"]
+    return hardly and row.get("chance", {}).get(measure, False)  # fits of earlier versions do not tell
+
+
+def _loses(row: Mapping[str, Any], other: str, measure: str) -> bool:
+    """Whether it is worse than ``other`` over the horizon of ``row``, where that is a rival."""
+    worse = row[measure]["fitted"] > _WORSE * row[measure][other]
+    return worse and not (no_rival(row) if other == "hold" else _as_noisy(row) or _as_lost(row))
 
 
 def _slightly(rows: Sequence[Mapping[str, Any]], other: str) -> bool:
     """Whether it is worse than ``other`` by one measure, hardly, and over horizons that are shorter than its gains."""
 
     def times(row: Mapping[str, Any]) -> list[float]:
-        return [row[measure]["fitted"] / max(row[measure][other], 1.0 / _LOST) for measure in MEASURES]
+        return [row[measure]["fitted"] / max(row[measure][other], 1.0 / LOST) for measure in MEASURES]
 
     gains = [row["steps"] for row in rows if max(times(row)) <= 1.0]
     apart = [row for row in rows if max(times(row)) > 1.0]
@@ -202,13 +137,7 @@ def _as_noisy(row: Mapping[str, Any]) -> bool:
 def _worse(rows: Sequence[Mapping[str, Any]], other: str) -> str:
     """Horizons at which the fit is worse than ``other``, by measure: "1, 5 step(s) (RMSE)"; empty if nowhere."""
     by_measure = {
-        words: [
-            str(row["steps"])
-            for row in rows
-            if row[measure]["fitted"] > _WORSE * row[measure][other]
-            and not (no_rival(row) if other == "hold" else _as_noisy(row) or _as_lost(row))
-        ]
-        for measure, words in MEASURES.items()
+        words: [str(row["steps"]) for row in rows if _loses(row, other, measure)] for measure, words in MEASURES.items()
     }
     steps = list(by_measure.values())
     if all(each == steps[0] for each in steps):
