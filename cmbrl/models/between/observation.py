@@ -12,9 +12,9 @@ velocity but what that lacks of the target's: the gain of the velocity over that
 s is what a and y have been apart so far, less its mean over the episode, and r the gain on it, of servos that integrate
 (``integral``); i is what they add in the mean, alike in all episodes, and ``begun`` what is an episode's own. Before
 an episode motors were off, and position servos held their first target. Of a motor with a dead zone, c is what its
-command is beyond that. o is what the log tells of a motor that gives nothing: the zero of its sensor of torque.
-``wiring`` does the same command by command. Where actuators have a state, u ends with their activations, which follow
-from the controls of the episode so far; they begin at 0.
+command is beyond that; of a servo with a ramp, where its own target is (``ramp``). o is what the log tells of a motor
+that gives nothing: the zero of its sensor of torque. ``wiring`` does the same command by command. Where actuators have
+a state, u ends with their activations, which follow from the controls of the episode so far; they begin at 0.
 """
 
 from __future__ import annotations
@@ -33,7 +33,20 @@ from cmbrl.models.between.arriving import Arrived, arrived
 from cmbrl.models.between.begun import Begun
 from cmbrl.models.between.integral import Lacked, OwnIntegral
 from cmbrl.models.between.late import late_response
-from cmbrl.models.between.parameters import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, OFFSET, ZERO
+from cmbrl.models.between.parameters import (
+    AHEAD,
+    BIAS,
+    DEAD,
+    DELAY,
+    INTEGRAL,
+    INTEGRATED,
+    LAG,
+    LEAD,
+    OFFSET,
+    RAMP,
+    ZERO,
+)
+from cmbrl.models.between.ramp import ramped
 from cmbrl.numbers import real
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind, Parameter
@@ -109,7 +122,7 @@ class Observation:
         groups = np.array([p.group for p in self.parameters])
         return {
             group: np.flatnonzero(groups == group)
-            for group in (BIAS, ZERO, INTEGRATED, OFFSET, LEAD, INTEGRAL, DEAD, AHEAD, DELAY, LAG)
+            for group in (BIAS, ZERO, INTEGRATED, OFFSET, LEAD, RAMP, INTEGRAL, DEAD, AHEAD, DELAY, LAG)
         }
 
     @property
@@ -204,29 +217,31 @@ class Observation:
         """
         own = len(self)
         rows = np.arange(len(log)) if rows is None else rows
-        summed = wanted is None or bool(np.isin(self.place[INTEGRAL], wanted).any())
+        told = [wanted is None or bool(np.isin(self.place[group], wanted).any()) for group in (INTEGRAL, RAMP)]
         if log.u.shape[1] == 0:
             return log.u[rows], np.zeros((len(rows), 0, len(psi)))
         if self.activations is not None:  # they follow from all that came before
             found = self.activations.slopes_along(
-                log.episode, *self._commanded(log, psi, np.arange(len(log)), summed), psi[own:]
+                log.episode, *self._commanded(log, psi, np.arange(len(log)), *told), psi[own:]
             )
             return found[0][rows], found[1][rows]
-        return self._commanded(log, psi, rows, summed)
+        return self._commanded(log, psi, rows, *told)
 
     def _acting(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """Commands (R, nu) of ``rows`` that act, without activations."""
-        return np.asarray(self._given(log, psi, rows, 1)[0][0] + self._constant(log, psi, rows))
+        return np.asarray(self._given(self._ramped(log, psi), psi, rows, 1)[0][0] + self._constant(log, psi, rows))
 
     def _commanded(
-        self, log: Transitions, psi: np.ndarray, rows: np.ndarray, summed: bool
+        self, log: Transitions, psi: np.ndarray, rows: np.ndarray, summed: bool, slowed: bool
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The same, and their derivatives (R, nu, n + nt); ``summed``: those in the gains of integrals, too."""
+        """The same, and their derivatives (R, nu, n + nt); those in integrals if ``summed``, in ramps if ``slowed``."""
         biases, place = self.servo.shape[1], self.place
-        given, rate, lacked, passed = self._given(log, psi, rows, 3, summed)
+        given, rate, lacked, passed = self._given(self._ramped(log, psi), psi, rows, 3, summed)
         slope = np.zeros((*rate.shape, len(psi)))
         slope[:, :, :biases] = self.servo
         slope[:, self.leads, place[LEAD]] = rate[:, self.leads]
+        if slowed:
+            slope[:, self.leads, place[RAMP]] = self._slower(log, psi, rows)[:, self.leads]
         slope[:, self.integrates, place[INTEGRAL]] = lacked[:, self.integrates]
         slope[:, self.dead, place[DEAD]] = passed[:, self.dead]
         slope[:, :, [*place[DELAY], *place[LAG]]] = np.moveaxis(given[1:], 0, -1)
@@ -239,6 +254,21 @@ class Observation:
         if self.begun is None or not psi[self.place[INTEGRAL]].any():
             return np.asarray(constant)
         return np.asarray(constant + self.begun.of(log.episode[rows]))
+
+    def _ramp(self, psi: np.ndarray) -> np.ndarray:
+        found = np.zeros(len(self.holds))
+        found[self.leads] = psi[self.place[RAMP]]
+        return found
+
+    def _ramped(self, log: Transitions, psi: np.ndarray) -> Transitions:
+        """``log`` with where the servos' own targets are as its commands."""
+        ramp = self._ramp(psi)
+        return replace(log, u=ramped(log, ramp)[0]) if ramp.any() else log
+
+    def _slower(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Derivatives (R, nu) of what acts in ramps: what acts is linear in those targets."""
+        slope = replace(log, u=ramped(log, self._ramp(psi))[1], q=0.0 * log.q, q_next=0.0 * log.q)
+        return self._given(slope, psi, rows, 1).commands[0]
 
     def _given(self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int, summed: bool = False) -> Arrived:
         """Commands at ``psi``, with the first ``count`` of them and of their derivatives; see ``arriving.arrived``."""
