@@ -58,9 +58,8 @@ class Extension(Trials):
         trial = self._trial("all", incumbent, chosen, start, none, before, self.budget.polish_iterations, least)
         trial = self._released("all", trial, incumbent, before, self.budget.polish_iterations, least)
         name, incumbent.least = ALL, trial.variance
-        begun = [(law, self._limited(law, incumbent, chosen, trial)) for law in drives.FIRST]
-        for law, limited in begun:
-            if limited is not None and (name == ALL or limited.gain > trial.gain):
+        for law in drives.FIRST:
+            if (limited := self._limited(law, incumbent, chosen, trial)) is not None:
                 name, trial = f"{ALL} + {law}", limited
         before = self._accept("add", name, trial, incumbent)
         held = set(np.array(self.space.groups)[~chosen].tolist())
@@ -127,21 +126,21 @@ class Extension(Trials):
         rise, noise = typical_rise(one.loss, other.loss, self.folds.blocks())
         return rise > max(NOISE_FACTOR * noise, share)
 
-    def _limited(self, law: str, incumbent: Incumbent, chosen: np.ndarray, plain: Trial) -> Trial | None:
+    def _limited(self, law: str, incumbent: Incumbent, chosen: np.ndarray, rival: Trial) -> Trial | None:
         """A fit of ``chosen`` with a ``law`` of limits from the first, if the file lacks it clearly and it is better.
 
-        Where motors saturate, a ``plain`` fit, without limits, ends far from where it should.
+        Where motors saturate, a fit without limits ends far from where it should. ``rival``: the best fit so far.
         """
         self._tell(incumbent, f"trying {law}")
         start, helps = self._scan(law, incumbent.begin, drives.CLEARLY)
         if not helps.any():
             return None
-        begun = self._ahead(f"limited by {law}", incumbent, chosen | helps, start, plain.z)
+        begun = self._ahead(f"limited by {law}", incumbent, chosen | helps, start, rival.z)
         if begun is None:
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
-        trial = self._trial(f"all limited by {law}", incumbent, chosen | helps, begun, none, plain.errors, iterations)
-        return trial if self._helps(trial, plain.errors, law) else None
+        trial = self._trial(f"all limited by {law}", incumbent, chosen | helps, begun, none, rival.errors, iterations)
+        return trial if self._helps(trial, rival.errors, law) else None
 
     def _ahead(
         self, name: str, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
