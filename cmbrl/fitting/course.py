@@ -36,7 +36,7 @@ from cmbrl.fitting.search.random_search import random_search
 from cmbrl.fitting.search.unseen import held_out_rows
 from cmbrl.fitting.standing import GAUSS_NEWTON
 from cmbrl.fitting.state import Journal
-from cmbrl.models.between.parameters import AHEAD, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, OFFSET
+from cmbrl.models.between.parameters import AHEAD, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, OFFSET, RAMP
 
 SEARCHES: dict[str, Callable[..., Any]] = {"random": random_search, "cma": cma_search}
 INTERRUPTED = "interrupted"
@@ -191,7 +191,8 @@ class Course(Refining):
         added = self.incumbent.active & ~self.movable
         groups = set(np.array(self.evidence.space.groups)[added].tolist())
         alone = ([group] for group in (DEAD, OFFSET))
-        laws = ([AHEAD], [LEAD], [INTEGRAL, INTEGRATED], *alone, [LIMIT, FADE], [GAP], *([group] for group in GAINS))
+        ways = ([FADE], [LIMIT, FADE], [RAMP], [GAP])
+        laws = ([AHEAD], [LEAD], [INTEGRAL, INTEGRATED], *alone, *ways, *([group] for group in GAINS))
         return [found for law in laws if (found := [group for group in law if group in groups])]
 
     def _start(self, folds: Folds) -> None:

@@ -13,6 +13,7 @@ import cmbrl
 from cmbrl.data.position_log import PositionLog
 from cmbrl.fitting import Budget
 from cmbrl.fitting.choice.drives import GAP, LIMIT, levels, rubbing, scanned, without_unneeded
+from cmbrl.fitting.choice.given import shown_limits
 from cmbrl.fitting.log.evidence import Evidence
 from cmbrl.fitting.log.horizons import horizons_of
 from cmbrl.fitting.search.folds import draw_starts
@@ -80,13 +81,19 @@ def test_what_the_motor_gives_comes_back(most: float, fade: float, size: float, 
     np.testing.assert_allclose(range_, [-limit, limit], rtol=1e-4)
 
 
+def rubbed(evidence: Evidence) -> np.ndarray:
+    """The file's parameters with the friction of the robot."""
+    theta = evidence.space.nominal.copy()
+    theta[np.isin(evidence.space.groups, ["frictionloss", "damping"])] = 0.2
+    return theta
+
+
 def test_a_scan_finds_who_is_limited(tmp_path: Path) -> None:
     """From a model whose friction is about right, without any derivative."""
     evidence = Evidence.of(nominal(tmp_path), record(1.4, 0.0, 0.25))
     space, (steps,) = evidence.space, horizons_of(evidence, "auto")
     loss = evidence.loss(draw_starts(evidence.log, steps, 2000, 0), steps, *evidence.scales(steps, 0.5))
-    theta, place = space.nominal.copy(), {name: k for k, name in enumerate(space.names)}
-    theta[[place[f"{group}.{joint}"] for group in ("frictionloss", "damping") for joint in ("hip", "knee")]] = 0.2
+    theta, place = rubbed(evidence), {name: k for k, name in enumerate(space.names)}
     tried = {name for values in levels(LIMIT, loss, theta) for name in values}
     assert tried == {f"{group}.{m}" for group in ("force_limit", "force_limit_slope") for m in ("m_hip", "m_knee")}
     z = space.z(theta)
@@ -95,6 +102,15 @@ def test_a_scan_finds_who_is_limited(tmp_path: Path) -> None:
     assert not helps[place["force_limit.m_knee"]]
     assert 1.0 < space.theta(start)[place["force_limit.m_hip"]] < 2.0
     np.testing.assert_array_equal(start[~helps], z[~helps])
+
+
+@pytest.mark.parametrize(("most", "fade", "size"), [(1.4, 0.0, 0.25), (6.0, 1.0, 0.35)])
+def test_motion_shows_what_a_saturated_motor_gives(most: float, fade: float, size: float, tmp_path: Path) -> None:
+    evidence = Evidence.of(nominal(tmp_path), record(most, fade, size))
+    loss = evidence.loss(np.arange(0, 1000, 100), 100, *evidence.scales(100, 0.5))
+    (high, slope), _ = shown_limits(loss, rubbed(evidence))[0]
+    assert high == pytest.approx(most, rel=0.2)
+    assert slope == pytest.approx(fade, abs=0.2)
 
 
 def record_gap(gap: float) -> PositionLog:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cmbrl.fitting.fitted_parameter import FittedParameter
-from cmbrl.fitting.outcome.laws_told import doubtful_laws, laws_told, play_told
+from cmbrl.fitting.outcome.laws_told import doubtful_laws, laws_told, play_told, ramps_told
 
 
 def law(group: str, *intervals: tuple[float, float], status: str = "fitted") -> dict[str, FittedParameter]:
@@ -13,7 +13,7 @@ def law(group: str, *intervals: tuple[float, float], status: str = "fitted") -> 
     return {f"{group}.{k}": FittedParameter((a + b) / 2, a, b, 0.0, status) for k, (a, b) in enumerate(intervals)}
 
 
-@pytest.mark.parametrize("group", ["friction_slope", "stribeck", "backlash"])
+@pytest.mark.parametrize("group", ["friction_slope", "stribeck", "backlash", "servo_zero", "ramp"])
 def test_a_law_whose_values_all_may_be_0_is_named(group: str) -> None:
     moves = {"selection": [{"move": "add", "group": "all"}, {"move": "add", "group": group}]}
     parameters = law(group, (0.0, 0.02), (0.0, 0.3)) | law("frictionloss", (0.0, 1.0))
@@ -37,3 +37,10 @@ def test_play_that_the_fit_has_closed_is_named() -> None:
     }
     assert "shows no play at hip: the gap" in (play_told(parameters) or "")
     assert play_told({"play.knee": parameters["play.knee"]}) is None
+
+
+def test_rates_of_targets_are_told_as_rates() -> None:
+    parameters = law("ramp", (0.4, 0.6), (0.0, 0.1))
+    told = ramps_told(parameters) or ""
+    assert told.endswith("in units of the control a second: 0 2 [1.67, 2.5]")
+    assert ramps_told(law("ramp", (0.0, 0.0), status="nominal")) is None

@@ -33,11 +33,11 @@ def arm(tmp_path: Path) -> Scene:
 
 
 def model_of(
-    arm: Scene, delay: float, lag: float, bias: float = 0.0, lead: float = 0.0, integral: float = 0.0
+    arm: Scene, delay: float, lag: float, bias: float = 0.0, lead: float = 0.0, integral: float = 0.0, ramp: float = 0.0
 ) -> ComplementarityModel:
     observation = {"delay.command": delay, "lag.command": lag, "bias.a": bias, "bias.b": -bias}
     servo = arm.actuator_names[0]
-    observation |= {f"lead.{servo}": lead, f"integral.{servo}": integral}
+    observation |= {f"lead.{servo}": lead, f"integral.{servo}": integral, f"ramp.{servo}": ramp}
     return ComplementarityModel(arm, time_step=DT, observation=observation)
 
 
@@ -45,16 +45,16 @@ def commands(rows: int, count: int = 3) -> torch.Tensor:
     return torch.from_numpy(np.random.default_rng(0).normal(size=(rows, count, 2)))
 
 
-@pytest.mark.parametrize("lead", [0.0, 0.04])
+@pytest.mark.parametrize(("lead", "ramp"), [(0.0, 0.0), (0.04, 0.0), (0.04, 0.02)])
 @pytest.mark.parametrize(("delay", "lag"), LATE)
-def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float, lead: float) -> None:
+def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float, lead: float, ramp: float) -> None:
     """Also those before the first one: a servo held it, a motor was off."""
     given = commands(40)
     log = Transitions(
         q=np.zeros((120, 2)), v=np.zeros((120, 2)), u=given.transpose(0, 1).reshape(120, 2).numpy(),
         q_next=np.zeros((120, 2)), v_next=np.zeros((120, 2)), dt=DT, episode=np.repeat(np.arange(3), 40),
     )  # fmt: skip
-    model = model_of(arm, delay, lag, bias=0.03, lead=lead)
+    model = model_of(arm, delay, lag, bias=0.03, lead=lead, ramp=ramp)
     expected = model.seen(log).u.reshape(3, 40, 2)
     wiring = model.wiring
     assert wiring is not None
@@ -65,10 +65,12 @@ def test_commands_arrive_as_a_log_says(arm: Scene, delay: float, lag: float, lea
     np.testing.assert_allclose(torch.stack(found, dim=1).numpy(), expected, atol=1e-8)
 
 
-@pytest.mark.parametrize("lead", [0.0, 0.04])
+@pytest.mark.parametrize(("lead", "ramp"), [(0.0, 0.0), (0.04, 0.0), (0.04, 0.02)])
 @pytest.mark.parametrize(("delay", "lag"), LATE[:-1])
-def test_the_derivative_of_a_rollout_in_its_commands(arm: Scene, delay: float, lag: float, lead: float) -> None:
-    wiring = model_of(arm, delay, lag, lead=lead).wiring
+def test_the_derivative_of_a_rollout_in_its_commands(
+    arm: Scene, delay: float, lag: float, lead: float, ramp: float
+) -> None:
+    wiring = model_of(arm, delay, lag, lead=lead, ramp=ramp).wiring
     assert wiring is not None
 
     def arrived(given: torch.Tensor) -> torch.Tensor:
@@ -99,7 +101,7 @@ def test_a_model_without_lateness_is_stepped_as_it_is(arm: Scene) -> None:
     assert robots.memory.shape == (2, 0)
     assert robots.step == model.step
     assert wiring_of(object()) is None
-    psi = np.array([*np.zeros(8), 1e-6, 0.0])  # far below a step
+    psi = np.array([*np.zeros(9), 1e-6, 0.0])  # far below a step
     assert Wiring.of(Observation.of(arm, DT), psi, arm.nq) is None
 
 
@@ -116,7 +118,7 @@ def process(arm: Scene, length: int) -> MDP:
 @pytest.mark.parametrize("integral", [0.0, 5.0])
 def test_a_simulation_moves_as_the_log_that_it_would_leave(arm: Scene, integral: float) -> None:
     """Measured states and commands, read through the observation, are exact transitions of the model."""
-    model, given = model_of(arm, 0.013, 0.02, bias=0.05, lead=0.01, integral=integral), commands(30, 1)
+    model, given = model_of(arm, 0.013, 0.02, bias=0.05, lead=0.01, integral=integral, ramp=0.01), commands(30, 1)
     simulation = Simulation(process(arm, 30), model, 1)
     states = [(simulation.q, simulation.v)]
     for command in given[:-1]:
@@ -174,7 +176,7 @@ def test_sets_without_any_effect_are_stepped_too(arm: Scene) -> None:
 
 def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm: Scene) -> None:
     model = model_of(arm, 0.013, 0.02)
-    between = [[*np.zeros(5), 0.02 * (d > 0.0), 0.0, 0.0, d, lag] for d, lag in LATE]
+    between = [[*np.zeros(5), 0.02 * (d > 0.0), 0.01 * (lag > 0.0), 0.0, 0.0, d, lag] for d, lag in LATE]
     sets = np.stack([np.append(model.parameters, row) for row in between])
     wiring = model.with_settings(candidates=sets).wiring
     assert wiring is not None
@@ -193,7 +195,7 @@ def test_the_derivative_of_a_rollout_of_robots_of_their_own_in_its_commands(arm:
 def test_every_episode_has_a_delay_of_its_own(arm: Scene) -> None:
     """Also where the fit itself has none, and after an episode's end."""
     model = model_of(arm, 0.0, 0.0)
-    sets = np.stack([np.append(model.parameters, [*np.zeros(8), d, 0.0]) for d in (0.0, 0.02)])
+    sets = np.stack([np.append(model.parameters, [*np.zeros(9), d, 0.0]) for d in (0.0, 0.02)])
     model = model.with_settings(candidates=sets)
     simulation = Simulation(process(arm, 4), model, 16, disturbance=Disturbance(parameters=parameter_sets(model, 0.0)))
     push, seen = torch.ones(16, 2, dtype=torch.float64), []

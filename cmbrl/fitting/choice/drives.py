@@ -1,9 +1,9 @@
-"""Where to look for limits of forces and for backlash: levels to start from, from what the log asks of the motors.
+"""Where to look for limits of forces and rates and for backlash: levels to start from, from what the log asks for.
 
 A limit that nothing reaches has no derivative, and files of robots often have none. So each actuator by itself is tried
-with limits at shares of the force that its law asks for over the log, and with limits that fall with speed, as those
-of a DC motor at its voltage do; the others stay as they are. A fit goes on from the best levels, of those actuators
-only for which one lowers the loss.
+with limits at shares of the force that its law asks for over the log, and about those that its motion shows
+(``given``), which may fall with speed, as those of a DC motor at its voltage do; the others stay as they are. A fit
+goes on from the best levels, of those actuators only for which one lowers the loss.
 
 A gap costs a servo that moves as much force as dry friction does, so a fit without gaps has put it into friction. Each
 gap is therefore tried beside the friction that was found, and in exchange for as much of it.
@@ -13,48 +13,37 @@ from __future__ import annotations
 
 import numpy as np
 
-from cmbrl.data.transitions import Transitions
+from cmbrl.fitting.choice.given import asked, shown_limits
+from cmbrl.fitting.log.ramps import shown_ramps
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.space import Space
+from cmbrl.models.between.parameters import RAMP
 from cmbrl.scene import Scene
 
 LIMIT, FADE, GAP = "force_limit", "force_limit_slope", "backlash"
 _FRICTION = "frictionloss"
-_SHARES = (0.9, 0.75, 0.6, 0.45, 0.33, 0.24, 0.17, 0.12)  # of the largest force that the log asks for
-_STALL, _FASTEST = (1.0, 2.0), (1.0, 1.4, 2.0)  # in the largest force and speed of the log: at rest, without load
+_SHARES = (0.9, 0.6, 0.4, 0.25, 0.15)  # of the largest force that the log asks for
+_ABOUT = (0.8, 1.0, 1.25)  # times the line that motion shows
 _GAPS = (0.001, 0.003, 0.01, 0.03)  # [rad]; a tenth of it [m]
 _SLIDE = 0.1
-GROUPS = (LIMIT, GAP)  #: in the order in which they are tried
-CLEARLY = 0.1  #: the same of the file's loss, for limits that come before all other parameters
+GROUPS = (LIMIT, RAMP, GAP)  #: in the order in which they are tried
+FIRST = (LIMIT, RAMP)  #: which may come before all other parameters
+CLEARLY = 0.1  #: the same of the file's loss, for those
 LEAST = 0.002  #: share of the loss by which a law of one actuator has to lower it
 _ROWS = 1500  # that a scan predicts
 
 
-def asked(scene: Scene, theta: np.ndarray, log: Transitions) -> np.ndarray:
-    """Forces (N, nu) [N m, N] before gears that laws without limits would give over ``log``; 0 but along a joint."""
-    core, layout, P = scene.core, scene.layout, scene.physical_vector(theta)
-    places = {joint.vadr: joint.qadr for joint in scene.joints}
-    low, high = np.reshape(core.act_ctrl, (-1, 2)).T
-    control, force = np.clip(log.u[:, : scene.nu], low, high), np.zeros((len(log), scene.nu))
-    for k, line in enumerate(core.act_line.tolist()):
-        if line in places:
-            gear, gain, bias0, bias1, bias2 = P[layout.actuator(k) : layout.actuator(k) + 5]
-            pull = bias1 * log.q[:, places[line]] + bias2 * log.v[:, line]
-            force[:, k] = gain * control[:, k] + bias0 + gear * pull
-    return force
-
-
-def levels(group: str, loss: PredictionLoss, theta: np.ndarray, lines: bool = True) -> list[dict[str, float]]:
-    """Values of one actuator's parameters each, to try for ``group`` at parameters ``theta`` (n,).
-
-    ``lines``: also limits that fall with speed.
-    """
+def levels(group: str, loss: PredictionLoss, theta: np.ndarray) -> list[dict[str, float]]:
+    """Values of one actuator's parameters each, to try for ``group`` at parameters ``theta`` (n,)."""
+    if group == RAMP:
+        return [values for own in shown_ramps(loss, theta) for values in own]
     scene = loss.model.scene
     physical, psi = loss.observation.split(theta)
     seen = loss.observation.states(loss.windows.data, psi)
     forces = np.abs(asked(scene, physical, seen))
     value = dict(zip((p.name for p in scene.parameters), physical.tolist(), strict=True))
     unit, costs = {p.name: p.unit for p in scene.parameters}, _costs(scene, physical)
+    shown = shown_limits(loss, theta) if group == LIMIT else {}
     found: list[dict[str, float]] = []
     for k, name in enumerate(scene.actuator_names):
         limit, fade, gap = (f"{each}.{name}" for each in (LIMIT, FADE, GAP))
@@ -63,11 +52,11 @@ def levels(group: str, loss: PredictionLoss, theta: np.ndarray, lines: bool = Tr
             found += [{gap: x} for x in sizes]
             found += [{gap: x, loss_of: value[loss_of] - x * cost} for loss_of, cost in costs[gap] for x in sizes]
         most = min(float(forces[:, k].max()), value.get(limit, 0.0))
-        if group != LIMIT or not most:
+        if k not in shown or not most:
             continue
-        found += [{limit: share * most, fade: 0.0} for share in _SHARES]
-        fastest = float(np.abs(seen.v[:, scene.core.act_line[k]]).max()) if lines else 0.0
-        found += [{limit: s * most, fade: s * most / (f * fastest)} for s in _STALL for f in _FASTEST if fastest > 0.0]
+        (high, slope), alone = shown[k]
+        found += [{limit: x, fade: 0.0} for x in (*(share * most for share in _SHARES), alone)]
+        found += [{limit: x * high, fade: x * slope} for x in _ABOUT]
     return found
 
 
@@ -84,16 +73,16 @@ def _costs(scene: Scene, physical: np.ndarray) -> dict[str, list[tuple[str, floa
 
 
 def scanned(
-    group: str, loss: PredictionLoss, space: Space, z: np.ndarray, least: float = 0.0, lines: bool = True
+    group: str, loss: PredictionLoss, space: Space, z: np.ndarray, least: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """``z`` (n,) with the best levels of each actuator, and the mask (n,) of the parameters that help.
 
     First all actuators alike, since what one cannot do moves the others too; then one by one, beside the best of those
-    before. None helps unless all together lower the loss by the share ``least``. ``lines``: as for ``levels``.
+    before. None helps unless all together lower the loss by the share ``least``.
     """
     some = loss.on(loss.windows.starts[:: max(1, loss.steps // _ROWS)]).settled(space.theta(z))
     theta, column = space.theta(z), {name: k for k, name in enumerate(space.names)}
-    tried, best = levels(group, some, theta, lines), theta.copy()
+    tried, best = levels(group, some, theta), theta.copy()
     own: dict[str, list[dict[str, float]]] = {}
     for values in tried:
         own.setdefault(next(iter(values)), []).append(values)
@@ -132,7 +121,7 @@ def without_unneeded(
     without, loss = np.zeros_like(z) if without is None else without, loss.settled(space.theta(z))
     found, left = np.zeros(len(space), dtype=bool), z.copy()
     groups = np.array(space.groups)
-    for law in ((LIMIT, FADE), (GAP,)):
+    for law in ((FADE,), (LIMIT, FADE), (RAMP,), (GAP,)):
         moved = np.flatnonzero(active & np.isin(groups, law))
         actuators = [space.names[k].partition(".")[2] for k in moved]
         own = [moved[[a == name for a in actuators]] for name in dict.fromkeys(actuators)]

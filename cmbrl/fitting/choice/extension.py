@@ -58,8 +58,9 @@ class Extension(Trials):
         trial = self._trial("all", incumbent, chosen, start, none, before, self.budget.polish_iterations, least)
         trial = self._released("all", trial, incumbent, before, self.budget.polish_iterations, least)
         name, incumbent.least = ALL, trial.variance
-        if (limited := self._limited(incumbent, chosen, trial)) is not None:
-            name, trial = f"{ALL} + {drives.LIMIT}", limited
+        for law in drives.FIRST:
+            if (limited := self._limited(law, incumbent, chosen, trial)) is not None:
+                name, trial = f"{ALL} + {law}", limited
         before = self._accept("add", name, trial, incumbent)
         held = set(np.array(self.space.groups)[~chosen].tolist())
         laws = [law for law in LAWS if law in held]
@@ -125,21 +126,21 @@ class Extension(Trials):
         rise, noise = typical_rise(one.loss, other.loss, self.folds.blocks())
         return rise > max(NOISE_FACTOR * noise, share)
 
-    def _limited(self, incumbent: Incumbent, chosen: np.ndarray, plain: Trial) -> Trial | None:
-        """A fit of ``chosen`` with limits of forces from the first, if the file lacks them clearly and it is better.
+    def _limited(self, law: str, incumbent: Incumbent, chosen: np.ndarray, rival: Trial) -> Trial | None:
+        """A fit of ``chosen`` with a ``law`` of limits from the first, if the file lacks it clearly and it is better.
 
-        Where motors saturate, a ``plain`` fit, without limits, ends far from where it should.
+        Where motors saturate, a fit without limits ends far from where it should. ``rival``: the best fit so far.
         """
-        self._tell(incumbent, f"trying {drives.LIMIT}")
-        start, helps = self._scan(drives.LIMIT, incumbent.begin, drives.CLEARLY, lines=False)
+        self._tell(incumbent, f"trying {law}")
+        start, helps = self._scan(law, incumbent.begin, drives.CLEARLY)
         if not helps.any():
             return None
-        begun = self._ahead("limited", incumbent, chosen | helps, start, plain.z)
+        begun = self._ahead(f"limited by {law}", incumbent, chosen | helps, start, rival.z)
         if begun is None:
             return None
         none, iterations = np.zeros_like(chosen), self.budget.polish_iterations
-        trial = self._trial("all limited", incumbent, chosen | helps, begun, none, plain.errors, iterations)
-        return trial if self._helps(trial, plain.errors, drives.LIMIT) else None
+        trial = self._trial(f"all limited by {law}", incumbent, chosen | helps, begun, none, rival.errors, iterations)
+        return trial if self._helps(trial, rival.errors, law) else None
 
     def _ahead(
         self, name: str, incumbent: Incumbent, active: np.ndarray, start: np.ndarray, rival: np.ndarray
@@ -163,10 +164,10 @@ class Extension(Trials):
             z = self.journal.unit(f"{name}, shortly", compute)["z"]
         return None if z is None else np.array(z)
 
-    def _scan(self, group: str, z: np.ndarray, least: float = 0.0, lines: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    def _scan(self, group: str, z: np.ndarray, least: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
         """The best levels of ``group`` from ``z`` (n,), and the mask (n,) of the parameters that help."""
         self.journal.check_time()
-        return drives.scanned(group, self.loss, self.space, z, least, lines)
+        return drives.scanned(group, self.loss, self.space, z, least)
 
     def _settled(self, incumbent: Incumbent, before: Errors) -> Errors:
         """Fits on as long as that helps: what comes next must not gain by more iterations alone."""

@@ -7,13 +7,14 @@ from itertools import islice
 
 import numpy as np
 
+from cmbrl.fitting.log.ramps import shown_ramps
 from cmbrl.fitting.search.beginning import beginning, begins
 from cmbrl.fitting.search.gauss_newton import reweighed
 from cmbrl.fitting.search.loss import PredictionLoss
 from cmbrl.fitting.search.objective import NotFinite
 from cmbrl.fitting.search.space import Space
 from cmbrl.fitting.state import Journal
-from cmbrl.models.between.parameters import AHEAD, DELAY, LAG
+from cmbrl.models.between.parameters import AHEAD, DELAY, LAG, RAMP
 
 ROWS = 1000  #: of predictions that are compared
 SURELY = 0.33  #: of the loss of the log as it is, both fitted: what drives do not explain
@@ -41,7 +42,8 @@ def _fits(loss: PredictionLoss, space: Space, journal: Journal) -> Iterator[floa
     """The loss after ever more iterations; it never rises."""
     missing = begins(space, space.default).any(axis=0)  # without a rotor, stiff servos shake links
     active = np.isin(space.groups, _DRIVES) | missing  # told gains may be wrong too
-    z, best = beginning(loss, space, active, journal), np.inf
+    z, best = _on_ramps(loss, space, beginning(loss, space, active, journal)), np.inf
+    active = active | (np.isin(space.groups, RAMP) & (z != 0.0))
     while True:
         try:
             z = reweighed(loss, space, active, z, _ITERATIONS, journal, passes=_PASSES)
@@ -49,6 +51,17 @@ def _fits(loss: PredictionLoss, space: Space, journal: Journal) -> Iterator[floa
         except NotFinite:
             pass
         yield best
+
+
+def _on_ramps(loss: PredictionLoss, space: Space, z: np.ndarray) -> np.ndarray:
+    """``z`` (n,), or with targets that follow commands at the rates that motion shows, where that is better."""
+    points = [space.theta(z)]
+    for alike in zip(*shown_ramps(loss, points[0]), strict=True):
+        own = {name: value for values in alike for name, value in values.items()}
+        points.append(np.array([own.get(name, x) for name, x in zip(space.names, points[0], strict=True)]))
+    with np.errstate(all="ignore"):
+        values = np.nan_to_num(loss.values(np.array(points)), nan=np.inf) if len(points) > 1 else np.zeros(1)
+    return space.z(points[int(values.argmin())])
 
 
 def loss_of_file(loss: PredictionLoss, space: Space) -> float:

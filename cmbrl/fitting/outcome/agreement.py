@@ -45,7 +45,7 @@ _CAUSES = (  # groups of parameters, and what is likely to have changed
     (("stiffness",), "another spring, or a cable that pulls"),
     (("gear", "kp", "kd", "kv", "force_limit", "dead_zone", "motor_zero"), "other gains, motors or battery"),
     (("bias", "servo_zero", "integrated"), "encoders that were zeroed anew"),
-    (("delay", "lag", "lead", "integral", "ahead"), "another controller or bus"),
+    (("delay", "lag", "lead", "ramp", "integral", "ahead"), "another controller or bus"),
     (("gravity",), "a robot or a floor that is tilted"),
 )
 

@@ -10,9 +10,21 @@ from collections.abc import Mapping
 from typing import Any
 
 from cmbrl.fitting.choice.drives import GAP
-from cmbrl.fitting.fitted_parameter import AT_BOUND, NOMINAL, FittedParameter
+from cmbrl.fitting.fitted_parameter import AT_BOUND, FITTED, NOMINAL, FittedParameter
+from cmbrl.models.between.parameters import DEAD, INTEGRAL, OFFSET, RAMP, ZERO
 
-_LAWS = {"friction_slope": "friction by place", "stribeck": "friction that falls with speed", GAP: "backlash"}
+_FRICTION, _OTHER = "what time steps leave of plain friction", "something else that the model lacks"
+_LAWS = {
+    "friction_slope": ("friction by place", _FRICTION),
+    "stribeck": ("friction that falls with speed", _FRICTION),
+    GAP: ("backlash", _FRICTION),
+    ZERO: ("zeros of servos", _OTHER),
+    OFFSET: ("zeros of motors", _OTHER),
+    DEAD: ("dead zones", _OTHER),
+    INTEGRAL: ("servos that integrate", _OTHER),
+    RAMP: ("targets of limited rate", _OTHER),
+}
+_NAMED = 6
 
 
 def doubtful_laws(parameters: Mapping[str, FittedParameter]) -> list[str]:
@@ -28,12 +40,28 @@ def doubtful_laws(parameters: Mapping[str, FittedParameter]) -> list[str]:
 def laws_told(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) -> str | None:
     """One line on such laws, where the fit took them by itself; else None."""
     taken = {group for step in report.get("selection") or () for group in step["group"].split(" + ")}
-    named = [f"{_LAWS[group]} ({group})" for group in doubtful_laws(parameters) if group in taken]
-    if not named:
+    doubtful = [group for group in doubtful_laws(parameters) if group in taken]
+    if not doubtful:
         return None
+    named = " and ".join(f"{_LAWS[group][0]} ({group})" for group in doubtful)
+    reasons = " or ".join(dict.fromkeys(_LAWS[group][1] for group in doubtful))
     return (
-        f"Held-out errors are smaller with {' and '.join(named)}, but no value of it is told from 0: do not take it "
-        "for something that the robot has. It may stand for what time steps leave of plain friction."
+        f"Held-out errors are smaller with {named}, but no value of it is told from 0: do not take it for something "
+        f"that the robot has. It may stand for {reasons}."
+    )
+
+
+def ramps_told(parameters: Mapping[str, FittedParameter]) -> str | None:
+    """One line on the rates at which targets of servos follow their commands, where a fit found some; else None."""
+    own = {name.partition(".")[2]: p for name, p in parameters.items() if name.partition(".")[0] == RAMP}
+    told = [(name, p) for name, p in own.items() if p.status == FITTED and p.low > 0.0]
+    if not told:
+        return None
+    rates = [f"{name} {1.0 / p.value:.3g} [{1.0 / p.high:.3g}, {1.0 / p.low:.3g}]" for name, p in told[:_NAMED]]
+    more = f" and {len(told) - _NAMED} more" if len(told) > _NAMED else ""
+    return (
+        "targets of servos follow their commands at a limited rate, 1 / ramp, in units of the control a second: "
+        f"{', '.join(rates)}{more}"
     )
 
 

@@ -18,7 +18,7 @@ from cmbrl.fitting.outcome.agreement import sentences
 from cmbrl.fitting.outcome.first_line import first_line
 from cmbrl.fitting.outcome.inner_lag import inner_lag_told
 from cmbrl.fitting.outcome.lateness import lateness_told
-from cmbrl.fitting.outcome.laws_told import laws_told, play_told
+from cmbrl.fitting.outcome.laws_told import laws_told, play_told, ramps_told
 from cmbrl.fitting.outcome.noise_told import left_told, sensors_told, starts_told
 from cmbrl.fitting.outcome.tables import WIDTH, combinations, ratios, table
 from cmbrl.fitting.outcome.unit import unit_told
@@ -143,7 +143,7 @@ def _open(parameters: Mapping[str, FittedParameter], report: Mapping[str, Any]) 
         if report.get(key):  # fits of earlier versions have less
             yield from _folded(title, report[key])
     late = lateness_told(report), untold_delay_told(report), inner_lag_told(parameters, report)
-    for told in (*late, sum_told(parameters)):
+    for told in (*late, ramps_told(parameters), sum_told(parameters)):
         yield from textwrap.wrap(told or "", WIDTH, subsequent_indent="  ")
     mjcf = report.get("mjcf", {})  # of a fit in a folder
     if mjcf.get("missing"):

@@ -12,16 +12,15 @@ velocity but what that lacks of the target's: the gain of the velocity over that
 s is what a and y have been apart so far, less its mean over the episode, and r the gain on it, of servos that integrate
 (``integral``); i is what they add in the mean, alike in all episodes, and ``begun`` what is an episode's own. Before
 an episode motors were off, and position servos held their first target. Of a motor with a dead zone, c is what its
-command is beyond that. o is what the log tells of a motor that gives nothing: the zero of its sensor of torque.
-``wiring`` does the same command by command. Where actuators have a state, u ends with their activations, which follow
-from the controls of the episode so far; they begin at 0.
+command is beyond that; of a servo with a ramp, where its own target is (``ramp``). o is what the log tells of a motor
+that gives nothing: the zero of its sensor of torque. ``wiring`` does the same command by command. Where actuators have
+a state, u ends with their activations, which follow from the controls of the episode so far; they begin at 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,11 +28,16 @@ import numpy as np
 from cmbrl.errors import UserError, did_you_mean
 from cmbrl.models.activations import Activations
 from cmbrl.models.between import parameters as between
-from cmbrl.models.between.arriving import Arrived, arrived
+from cmbrl.models.between.acting import Acting
 from cmbrl.models.between.begun import Begun
-from cmbrl.models.between.integral import Lacked, OwnIntegral
-from cmbrl.models.between.late import late_response
-from cmbrl.models.between.parameters import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, INTEGRATED, LAG, LEAD, OFFSET, ZERO
+from cmbrl.models.between.integral import OwnIntegral
+from cmbrl.models.between.parameters import (
+    AHEAD,
+    DEAD,
+    INTEGRAL,
+    OFFSET,
+    RAMP,
+)
 from cmbrl.numbers import real
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind, Parameter
@@ -46,7 +50,7 @@ _AHEAD = 1.5  # of a step of the log, less one of the model: commands that move 
 
 
 @dataclass(frozen=True, eq=False)
-class Observation:
+class Observation(Acting):
     """The parameters psi (n,) between a log of time step ``dt`` [s] and the state: biases, zeros, gains, delay and lag.
 
     ``joints`` (nbias,): places in q and v of the joints that have a bias; ``servo`` (nu, nbias + 2 nserved + nd): the
@@ -102,20 +106,6 @@ class Observation:
     def nominal(self) -> np.ndarray:
         """psi (n,) of a log that tells state and control exactly."""
         return np.zeros(len(self))
-
-    @cached_property
-    def place(self) -> dict[str, np.ndarray]:
-        """Where in psi the parameters of each group are."""
-        groups = np.array([p.group for p in self.parameters])
-        return {
-            group: np.flatnonzero(groups == group)
-            for group in (BIAS, ZERO, INTEGRATED, OFFSET, LEAD, INTEGRAL, DEAD, AHEAD, DELAY, LAG)
-        }
-
-    @property
-    def reading(self) -> np.ndarray:
-        """The control (nu, nbias) that a unit of each encoder's reading is compared with as a target, negative."""
-        return self.servo[:, : len(self.joints_q)]
 
     def integral(self, psi: np.ndarray, nq: int) -> np.ndarray | None:
         """How controls (nu, nq) change with the integral of positions at ``psi`` (n,) [1/s]; None for not at all."""
@@ -191,8 +181,8 @@ class Observation:
         if log.u.shape[1] == 0:
             return log.u[every if rows is None else rows]
         if self.activations is None:
-            return self._acting(log, psi, every if rows is None else rows)
-        found = self.activations.along(log.episode, self._acting(log, psi, every), psi[len(self) :])
+            return self.acting(log, psi, every if rows is None else rows)
+        found = self.activations.along(log.episode, self.acting(log, psi, every), psi[len(self) :])
         return found if rows is None else found[rows]
 
     def controls(
@@ -204,49 +194,12 @@ class Observation:
         """
         own = len(self)
         rows = np.arange(len(log)) if rows is None else rows
-        summed = wanted is None or bool(np.isin(self.place[INTEGRAL], wanted).any())
+        told = [wanted is None or bool(np.isin(self.place[group], wanted).any()) for group in (INTEGRAL, RAMP)]
         if log.u.shape[1] == 0:
             return log.u[rows], np.zeros((len(rows), 0, len(psi)))
         if self.activations is not None:  # they follow from all that came before
             found = self.activations.slopes_along(
-                log.episode, *self._commanded(log, psi, np.arange(len(log)), summed), psi[own:]
+                log.episode, *self.commanded(log, psi, np.arange(len(log)), *told), psi[own:]
             )
             return found[0][rows], found[1][rows]
-        return self._commanded(log, psi, rows, summed)
-
-    def _acting(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Commands (R, nu) of ``rows`` that act, without activations."""
-        return np.asarray(self._given(log, psi, rows, 1)[0][0] + self._constant(log, psi, rows))
-
-    def _commanded(
-        self, log: Transitions, psi: np.ndarray, rows: np.ndarray, summed: bool
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """The same, and their derivatives (R, nu, n + nt); ``summed``: those in the gains of integrals, too."""
-        biases, place = self.servo.shape[1], self.place
-        given, rate, lacked, passed = self._given(log, psi, rows, 3, summed)
-        slope = np.zeros((*rate.shape, len(psi)))
-        slope[:, :, :biases] = self.servo
-        slope[:, self.leads, place[LEAD]] = rate[:, self.leads]
-        slope[:, self.integrates, place[INTEGRAL]] = lacked[:, self.integrates]
-        slope[:, self.dead, place[DEAD]] = passed[:, self.dead]
-        slope[:, :, [*place[DELAY], *place[LAG]]] = np.moveaxis(given[1:], 0, -1)
-        slope[:, :, place[AHEAD]] = -given[1][:, :, None]
-        return given[0] + self._constant(log, psi, rows), slope
-
-    def _constant(self, log: Transitions, psi: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """What biases and zeros add to the controls (nu,), or (R, nu) where episodes begin otherwise."""
-        constant = self.servo @ psi[: self.servo.shape[1]]
-        if self.begun is None or not psi[self.place[INTEGRAL]].any():
-            return np.asarray(constant)
-        return np.asarray(constant + self.begun.of(log.episode[rows]))
-
-    def _given(self, log: Transitions, psi: np.ndarray, rows: np.ndarray, count: int, summed: bool = False) -> Arrived:
-        """Commands at ``psi``, with the first ``count`` of them and of their derivatives; see ``arriving.arrived``."""
-        place, nu = self.place, log.u.shape[1]
-        dead, lead, integral = np.zeros((3, nu))
-        lead[self.leads], integral[self.integrates] = psi[place[LEAD]], psi[place[INTEGRAL]]
-        dead[self.dead] = psi[place[DEAD]]
-        early = float(psi[place[DELAY]].sum() - psi[place[AHEAD]].sum())
-        weights = late_response(early, float(psi[place[LAG]].sum()), self.dt)[:count]
-        total = Lacked(log, self.joints_q, self.reading) if summed or integral.any() else None
-        return arrived(log, rows, weights, self.holds, dead, lead, integral, total)
+        return self.commanded(log, psi, rows, *told)

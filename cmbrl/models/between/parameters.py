@@ -10,7 +10,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.records import Joint, JointKind, Parameter
 
 BIAS, ZERO, INTEGRATED = "bias", "servo_zero", "integrated"  #: groups, of joints
-LEAD, INTEGRAL = "lead", "integral"  #: groups, of servos
+LEAD, INTEGRAL, RAMP = "lead", "integral", "ramp"  #: groups, of servos
 DEAD, OFFSET = "dead_zone", "motor_zero"  #: groups, of motors
 AHEAD, DELAY, LAG = "ahead", "delay", "lag"  #: groups, of all commands
 _BIAS_BOUND = 0.1  # [rad] or [m]: 6 degrees, more than a calibrated encoder is off
@@ -18,6 +18,7 @@ _ZERO_REACH = 2.5  # times the 0.04 rad that are expected: gravity tells servos'
 _INTEGRATED_BOUND = 1.0  # [rad] or [m], of a target: weak gains hold a load by much
 _LEAD_BOUND = 0.5  # [s]: gains of velocity are a tenth to a fifth of those of position in stiff servos
 _INTEGRAL_BOUND = 30.0  # [1/s]: most integrals take a fifth of a second to a few seconds
+_RAMP_BOUND = 20.0  # [s] for a unit of the control, mostly a radian: 3 degrees a second
 _MOTOR_BOUND = 0.3, 1.0  # of the largest control; of one without limits
 _LATENESS = 0.05, 3.0  # largest delay: [s], or this many steps of the log if that is longer
 _LARGEST_LAG = 10.0  # times that: propellers, thrusters and hydraulics take tenths of a second
@@ -32,9 +33,12 @@ def of_joints(scene: Scene, joints: Sequence[Joint], served: Sequence[Joint]) ->
 
 
 def of_servos(scene: Scene, leads: np.ndarray, integrates: np.ndarray) -> list[Parameter]:
-    """A lead of each of the actuators ``leads`` (nl,), then an integral of each of ``integrates`` (ni,)."""
+    """A lead and a ramp of each of the actuators ``leads`` (nl,), then an integral of each of ``integrates`` (ni,)."""
     found = []
-    for group, own, bound, unit in ((LEAD, leads, _LEAD_BOUND, "s"), (INTEGRAL, integrates, _INTEGRAL_BOUND, "1/s")):
+    for group, own, bound, unit in (
+        (LEAD, leads, _LEAD_BOUND, "s"), (RAMP, leads, _RAMP_BOUND, "s"),
+        (INTEGRAL, integrates, _INTEGRAL_BOUND, "1/s"),
+    ):  # fmt: skip
         names = [scene.actuator_names[k] for k in own.tolist()]
         found += [Parameter(f"{group}.{n}", group, 0.0, 0.0, bound, "linear", unit, default=False) for n in names]
     return found

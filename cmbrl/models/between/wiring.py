@@ -8,9 +8,9 @@ c_(i-k-1) for a time r and then c_(i-k); between changes of the command, the lag
     x(t) = a + (x(0) - a) exp(-t / tau),      mean over r:  a + (x(0) - a) (1 - exp(-r / tau)) tau / r
 
 so that mean and next x are linear in x and these two commands. A servo that leads by l adds l times the rate of these
-means from step to step. One that integrates adds r times the integral of what mean and y have been apart
-(``integral``). Memory: k + 1 commands, x, and the last mean; then these integrals, and the activations of actuators
-that have a state, which are 0 when an episode begins.
+means from step to step. Of one with a ramp, c is where its own target is (``ramp``). One that integrates adds r times
+the integral of what mean and y have been apart (``integral``). Memory: k + 1 commands, x, the last mean, and targets on
+ramps; then these integrals, and the activations of actuators that have a state, which are 0 when an episode begins.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from torch import Tensor
 
 from cmbrl.models.activations import Activations
 from cmbrl.models.between.observation import Observation
-from cmbrl.models.between.parameters import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, LAG, LEAD, OFFSET, ZERO
+from cmbrl.models.between.parameters import AHEAD, BIAS, DEAD, DELAY, INTEGRAL, LAG, LEAD, OFFSET, RAMP, ZERO
+from cmbrl.models.between.ramp import stepped
 
 Step = Callable[..., tuple[Tensor, Tensor]]
 LEAST = 1e-3  #: of a step: a shorter delay or lag acts as none
@@ -34,13 +35,14 @@ _NONE = 1e-12  # s: a lag that is divided by
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """``dead`` zones (nu,), ``delay`` and ``lag`` [s], ``lead`` (nu,) [s], ``integral`` (nu,) [1/s], ``bias`` (nq,).
+    """``dead`` zones (nu,), ``delay`` and ``lag`` [s], ``lead`` and ``ramp`` (nu,) [s], ``integral`` (nu,) [1/s],
+    ``bias`` (nq,).
 
     ``shift`` (nu,): what biases and zeros add to controls. They have a row each: one for all robots, or one a robot
     (``rows``). ``holds`` (nu,) bool: position servos, which held the first command before an episode; motors were off.
-    ``kept``: past commands in memory; ``lags``, ``leads``, ``sums``: whether it holds a lag's state, the last mean, and
-    integrals, as well. ``observer`` and ``nq`` are the model's, to read the rows of other robots; ``physical``: after
-    how many parameters these begin, if there are any.
+    ``kept``: past commands in memory; ``lags``, ``leads``, ``ramps``, ``sums``: whether it holds a lag's state, the
+    last mean, targets on ramps, and integrals, as well. ``observer`` and ``nq`` are the model's, to read the rows of
+    other robots; ``physical``: after how many parameters these begin, if there are any.
     """
 
     observer: Observation
@@ -50,6 +52,7 @@ class Wiring:
     delay: Tensor
     lag: Tensor
     lead: Tensor
+    ramp: Tensor
     integral: Tensor
     bias: Tensor
     shift: Tensor
@@ -57,6 +60,7 @@ class Wiring:
     kept: int
     lags: bool
     leads: bool
+    ramps: bool
     sums: bool
     activations: Activations | None = None
 
@@ -77,18 +81,21 @@ class Wiring:
         read = _read(observer, every, nq)
         if candidates is None and not (any(x.any() for x in read) or activations):
             return None
-        dead, delay, lag, lead, integral, bias, shift = read
+        dead, delay, lag, lead, ramp, integral, bias, shift = read
         return cls(
-            observer, nq, physical, dead[:1], delay[:1], lag[:1], lead[:1], integral[:1], bias[:1], shift[:1],
-            torch.from_numpy(observer.holds),
+            observer, nq, physical, dead[:1], delay[:1], lag[:1], lead[:1], ramp[:1], integral[:1], bias[:1],
+            shift[:1], torch.from_numpy(observer.holds),
             kept=int(float(delay.max()) / observer.dt) + 1 if delay.any() else 0,
-            lags=bool(lag.any()), leads=bool(lead.any()), sums=bool(integral.any()), activations=activations,
+            lags=bool(lag.any()), leads=bool(lead.any()), ramps=bool(ramp.any()), sums=bool(integral.any()),
+            activations=activations,
         )  # fmt: skip
 
     def rows(self, psi: Tensor) -> Wiring:
         """Robots with one of their own each: psi (B, n), of those that the memory was made for."""
-        dead, delay, lag, lead, integral, bias, shift = _read(self.observer, psi.numpy(), self.nq)
-        return replace(self, dead=dead, delay=delay, lag=lag, lead=lead, integral=integral, bias=bias, shift=shift)
+        dead, delay, lag, lead, ramp, integral, bias, shift = _read(self.observer, psi.numpy(), self.nq)
+        return replace(
+            self, dead=dead, delay=delay, lag=lag, lead=lead, ramp=ramp, integral=integral, bias=bias, shift=shift
+        )
 
     @property
     def dt(self) -> float:
@@ -103,7 +110,7 @@ class Wiring:
     @property
     def late_width(self) -> int:
         """Columns of the memory that hold commands."""
-        return len(self.holds) * (self.kept + self.lags + self.leads)
+        return len(self.holds) * (self.kept + self.lags + self.leads + self.ramps)
 
     @property
     def sum_width(self) -> int:
@@ -123,6 +130,10 @@ class Wiring:
         if not self.late_width:
             return command, command, memory
         told = torch.where(torch.isnan(memory), command.repeat(1, memory.shape[1] // nu), memory)
+        more: list[Tensor] = []
+        if self.ramps:
+            command, target = stepped(told[:, -nu:], command, self.ramp, self.dt)
+            more = [target]
         queue = [command, *(told[:, nu * k : nu * (k + 1)] for k in range(kept))]  # newest first
         whole = (self.delay / self.dt).floor()
         first = self.delay - whole * self.dt
@@ -131,8 +142,8 @@ class Wiring:
         led = mean
         if self.leads:
             rest.append(mean)
-            led = mean + self.lead / self.dt * (mean - told[:, nu * (kept + self.lags) :])
-        return mean, led, torch.cat([*queue[:kept], *rest], dim=1)
+            led = mean + self.lead / self.dt * (mean - told[:, nu * (kept + self.lags) :][:, :nu])
+        return mean, led, torch.cat([*queue[:kept], *rest, *more], dim=1)
 
     def _mean(self, state: Tensor, early: Tensor, later: Tensor, first: Tensor) -> tuple[Tensor, list[Tensor]]:
         """The mean (B, nu) of commands, ``early`` for the ``first`` seconds of a step, and the lag's next ``state``."""
@@ -169,21 +180,22 @@ class Wiring:
 
 
 def _read(observer: Observation, psi: np.ndarray, nq: int) -> list[Tensor]:
-    """Of ``psi`` (R, n or more): dead (R, nu), delay, lag (R, 1), lead and integral (R, nu), bias (R, nq), shift."""
+    """Of ``psi`` (R, n or more): dead (R, nu), delay, lag (R, 1), lead, ramp, integral (R, nu), bias (R, nq), shift."""
     place = observer.place
     delay, lag = (psi[:, place[name]].sum(axis=1, keepdims=True) for name in (DELAY, LAG))
     if len(place[AHEAD]):
         delay = delay - psi[:, place[AHEAD]]
         lag = lag + np.minimum(delay, 0.0)  # as ``late_response`` has it; no process acts before it is told
     late = [np.where(x > LEAST * observer.dt, x, 0.0) for x in (delay, lag)]
-    bias, (dead, lead, integral) = np.zeros((len(psi), nq)), np.zeros((3, len(psi), len(observer.holds)))
+    bias, (dead, lead, ramp, integral) = np.zeros((len(psi), nq)), np.zeros((4, len(psi), len(observer.holds)))
     dead[:, observer.dead] = psi[:, place[DEAD]]
     bias[:, observer.joints_q] = psi[:, place[BIAS]]
-    lead[:, observer.leads], integral[:, observer.integrates] = psi[:, place[LEAD]], psi[:, place[INTEGRAL]]
+    lead[:, observer.leads], ramp[:, observer.leads] = psi[:, place[LEAD]], psi[:, place[RAMP]]
+    integral[:, observer.integrates] = psi[:, place[INTEGRAL]]
     # a log's servos may have integrated before; a process begins anew
     kept = np.concatenate([place[BIAS], place[ZERO], place[OFFSET]])
     shift = psi[:, kept] @ observer.servo[:, kept].T
-    return [torch.from_numpy(np.ascontiguousarray(x)) for x in (dead, *late, lead, integral, bias, shift)]
+    return [torch.from_numpy(np.ascontiguousarray(x)) for x in (dead, *late, lead, ramp, integral, bias, shift)]
 
 
 def _picked(queue: list[Tensor], place: Tensor) -> Tensor:
