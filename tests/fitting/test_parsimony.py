@@ -190,12 +190,13 @@ def test_what_is_compared_weighs_the_prior_alike(setup, monkeypatch):
         return refit(self, *args)
 
     monkeypatch.setattr(Folds, "refit", refitted)
-    monkeypatch.setattr(Extension, "_limited", lambda _, incumbent, *__: limited.append(incumbent.least))
+    monkeypatch.setattr(Extension, "_limited", lambda _, law, incumbent, *__: limited.append(incumbent.least))
     monkeypatch.setattr(Extension, "_settled", lambda _, incumbent, before: before)
     monkeypatch.setattr(Extension, "_hopeful", lambda *_: [])
     incumbent = Incumbent(np.zeros(len(space)), np.zeros(len(space), dtype=bool))
     extension.extend(incumbent, space.columns(["mass"]))
-    assert weights == limited == [incumbent.least]
+    assert weights == [incumbent.least]
+    assert limited and set(limited) == {incumbent.least}  # a law of limits each
     assert incumbent.least > 0.0
 
 
