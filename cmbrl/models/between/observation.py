@@ -31,13 +31,7 @@ from cmbrl.models.between import parameters as between
 from cmbrl.models.between.acting import Acting
 from cmbrl.models.between.begun import Begun
 from cmbrl.models.between.integral import OwnIntegral
-from cmbrl.models.between.parameters import (
-    AHEAD,
-    DEAD,
-    INTEGRAL,
-    OFFSET,
-    RAMP,
-)
+from cmbrl.models.between.parameters import AHEAD, DEAD, INTEGRAL, OFFSET, RAMP
 from cmbrl.numbers import real
 from cmbrl.scene.fittable.play import plays
 from cmbrl.scene.records import JointKind, Parameter
