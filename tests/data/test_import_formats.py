@@ -279,7 +279,7 @@ def test_ros_bags(storage: str, arm: SimpleNamespace, tmp_path: Path) -> None:
         ("a.csv", b"1,2\n3,4\n5,6\n", "row 1 has numbers, not names"),
         ("a.csv", b"a,b\n1,2\n1\n", "row 3 has 1 fields, the header 2"),
         ("a.csv", b"a,a\n1,2\n1,2\n", "two columns are called 'a'"),
-        ("a.csv", b"a,b\n", "has 1 row; give a header"),
+        ("a.csv", b"a,b\n", "has 0 samples; give a header"),
         ("a.csv", b"a,b\nx,y\nx,y\n", "has no columns of numbers"),
         ("a.csv", b"\xff\xfe\x00" * 9, "not readable as CSV"),
         ("a.npz", b"nothing", "not readable as npz"),

@@ -36,7 +36,9 @@ def read_csv(path: Path, joints: tuple[str, ...]) -> list[Recording]:
         raise UserError(f"{path}: not readable as CSV ({shortened(str(error), 200)})") from None
     header, rows = sheet.header, sheet.rows
     if len(rows) < 2:
-        raise UserError(f"{path}: has {counted(len(rows) + 1, 'row')}; give a header and one row per sample")
+        raise UserError(
+            f"{path}: has {counted(len(rows), 'sample')}; give a header and a row for each of two samples or more"
+        )
     if csv_text.only_numbers(header, sheet.delimiter):
         raise UserError(f"{path}: row 1 has numbers, not names; add a header that names the columns")
     _check_names(path, header)
