@@ -6,7 +6,8 @@ P = per body [mass, centre of mass (D), inertia about it (planar 1: about the ax
     how much farther apart than in the file each of its limits is,
     the limits' time constant, damping ratio and softness, as factors of the file's],
     per plane [height], per actuator [gear, gain, bias (3), time constant,
-    limit of its force, how that falls with speed, half of its backlash], gravity (D),
+    limit of its force, how that falls with speed, half of its backlash],
+    density and viscosity of the fluid, gravity (D),
     per contact [friction, restitution, sum of radii, solref (2), d0, dmax, width, softness scale,
     torsional and rolling friction].
 Contacts come last: of these, the core takes up only what touches.
@@ -73,9 +74,14 @@ class Layout:
         return self.plane(self.nplane) + actuator * len(ACTUATOR_FIELDS) + ACTUATOR_FIELDS.index(field)
 
     @property
+    def fluid(self) -> int:
+        """Of the density of the fluid; its viscosity is next."""
+        return self.actuator(self.nact)
+
+    @property
     def gravity(self) -> int:
         """Where gravity (D,) begins."""
-        return self.actuator(self.nact)
+        return self.fluid + 2
 
     def contact(self, contact: int, field: str = "friction") -> int:
         return self.gravity + self.dimension + contact * len(CONTACT_FIELDS) + CONTACT_FIELDS.index(field)

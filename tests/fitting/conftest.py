@@ -63,7 +63,9 @@ class CartScene:
             "jnt_type": np.zeros(n, int), "jnt_body": np.arange(n), "jnt_qadr": np.arange(n), "jnt_vadr": np.arange(n),
             "act_line": np.arange(n), "act_ctrl": np.tile([-np.inf, np.inf], (n, 1)),
             "wide_act": np.empty(0, int), "par_idx": np.array([*places, layout.gravity]),
-            "par_ptr": np.array([*range(4 * n + 2), 4 * n + 1]), "ntendon": 0, "tendon_ptr": np.zeros(1, int),
+            "par_ptr": np.array([*range(4 * n + 2), 4 * n + 1]), "ntendon": 0, "box_body": np.empty(0, int),
+            "box_linear": np.empty((0, 3)), "box_quadratic": np.empty((0, 3)), "ellipsoid_body": np.empty(0, int),
+            "ellipsoid_coef": np.empty((0, 19)), "tendon_ptr": np.zeros(1, int),
             "tendon_dof": np.empty(0, int), "lim_line": np.empty(0, int), "lim_lo": np.empty(0), "lim_hi": np.empty(0),
             **dict.fromkeys(("tie_type", "tie_A", "tie_B"), np.empty(0, int)),
         })  # fmt: skip

@@ -63,3 +63,34 @@ def test_no_motion_tells_the_common_factor(law: str, tmp_path: Path) -> None:
     free = model.with_parameters(scaled).step(q + torch.tensor([[1.0, 0.0]]), v, u)[1]
     assert (step - free).abs().max() > 0.1  # it touches
     torch.testing.assert_close(other, step, rtol=1e-7, atol=1e-7)
+
+
+FISH = """<mujoco><option timestep="0.005" integrator="implicitfast" density="{density}" viscosity=".2"/>
+  <worldbody><body><freejoint/><geom type="box" size=".2 .05 .06"/><body pos=".2 0 0">
+  <joint axis="0 0 1" name="tail" damping=".1"/><geom type="capsule" size=".05"
+  fromto="0 0 0 .3 0 0" fluidshape="ellipsoid"/></body></body></worldbody>
+  <actuator><motor joint="tail"/></actuator></mujoco>"""
+
+
+def test_a_fluid_scales_with_the_masses_in_it(tmp_path: Path) -> None:
+    """A known density of water tells them, one of air does not."""
+
+    def scene_in(density: float) -> Scene:
+        (tmp_path / "fish.xml").write_text(FISH.format(density=density))
+        return Scene.from_mjcf(tmp_path / "fish.xml", ignore="")
+
+    scene = scene_in(1000.0)
+    free = np.array([p.default for p in scene.parameters])
+    (together,) = common_factors(scene.core, free)
+    assert {"fluid_density", "fluid_viscosity", "mass"} <= {scene.parameters[k].group for k in together}
+    model = ComplementarityModel(scene)
+    scaled = model.parameters.copy()
+    scaled[together] *= 1.3
+    q = np.array([scene.q0])
+    v, u = np.random.default_rng(0).normal(size=(1, scene.nv)), np.ones((1, 1))
+    step, still = model.predict(q, v, u), model.predict(q, v, u, theta=scaled)
+    np.testing.assert_allclose(still.v_next, step.v_next, rtol=1e-9, atol=1e-9)
+    for density, count in ((1000.0, 0), (1.2, 1)):
+        scene = scene_in(density)
+        free = np.array([p.default and p.name != "fluid_density" for p in scene.parameters])
+        assert len(common_factors(scene.core, free)) == count

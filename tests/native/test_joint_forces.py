@@ -173,8 +173,10 @@ def test_drag_of_a_fluid(integrator: str, medium: str, root: str, tmp_path: Path
     file = write(tmp_path, integrator, FLYING.format(root=root), f"<option {medium}/>")
     assert Scene.from_mjcf(file).core.nbox == 4
     assert_like_mujoco(file)
-    assert_exact(file, {"q", "v", "mass"})
-    assert_exact(file, {"q", "v"}, count=5, integrator="midpoint")
+    named = {f"fluid_{name}" for name in ("density", "viscosity") if name in medium}
+    assert {p.name for p in Scene.from_mjcf(file).parameters if p.name.startswith("fluid_")} == named
+    assert_exact(file, {"q", "v", "mass"} | named)
+    assert_exact(file, {"q", "v"} | named, count=5, integrator="midpoint")
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -186,7 +188,7 @@ def test_drag_in_the_plane(integrator: str, tmp_path: Path) -> None:
         file = write(tmp_path, integrator, world, '<option density="300" viscosity="2" wind="1 -2 .5"/>')
         assert Scene.from_mjcf(file).planar == planar
         assert_like_mujoco(file)
-        assert_exact(file, {"q", "v"})
+        assert_exact(file, {"q", "v", "fluid_density", "fluid_viscosity"})
     assert "drag" in {x.name for x in Scene.from_mjcf(file).differences}
 
 
@@ -206,8 +208,8 @@ def test_ellipsoids_in_a_fluid(integrator: str, root: str, tmp_path: Path) -> No
     core = Scene.from_mjcf(file).core
     assert (core.nbox, core.nellipsoid) == (1, 3)
     assert_like_mujoco(file)
-    assert_exact(file, {"q", "v", "mass"}, count=5)
-    assert_exact(file, {"q", "v"}, count=5, integrator="midpoint")
+    assert_exact(file, {"q", "v", "mass", "fluid_density", "fluid_viscosity"}, count=5)
+    assert_exact(file, {"q", "v", "fluid_density", "fluid_viscosity"}, count=5, integrator="midpoint")
     assert "drags and lifts 3 ellipsoids" in describe(Scene.from_mjcf(file))
 
 

@@ -240,3 +240,19 @@ def test_a_disc_without_thickness_is_written(tmp_path: Path) -> None:
         nominal = mujoco.MjModel.from_xml_path(str(tmp_path / "disc.xml"))
         assert fitted.body_mass[1] == pytest.approx(factor * nominal.body_mass[1])
         assert fitted.body_inertia[1] == pytest.approx(factor * nominal.body_inertia[1], rel=1e-4)
+
+
+def test_a_fluid_comes_back(tmp_path: Path) -> None:
+    """MuJoCo moves in the fluid of the file, boxes and ellipsoids, as in the true one."""
+    swimmer = """<mujoco><option timestep=".01" density="{density}" viscosity="{viscosity}" integrator="implicitfast"/>
+    <worldbody><body><freejoint/><geom type="box" size=".2 .04 .05"/><body pos=".2 0 0">
+    <joint name="tail" axis="0 0 1"/>
+    <geom type="capsule" size=".03" fromto="0 0 0 .3 0 0" fluidshape="ellipsoid"/></body></body></worldbody>
+    <actuator><motor joint="tail" gear="3"/></actuator></mujoco>"""
+    nominal, true = swimmer.format(density=900, viscosity=0.2), swimmer.format(density=1300, viscosity=0.05)
+    (tmp_path / "swimmer.xml").write_text(nominal)
+    scene = Scene.from_mjcf(tmp_path / "swimmer.xml")
+    file = fitted_file(scene, at(scene, fluid_density=1300.0, fluid_viscosity=0.05))
+    assert file.missing == ()
+    moved = np.abs(rollout(nominal, 100) - rollout(true, 100)).max()
+    assert np.abs(rollout(file.text, 100) - rollout(true, 100)).max() < 1e-4 * moved

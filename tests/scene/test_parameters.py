@@ -412,7 +412,7 @@ def test_actuators(load: Load) -> None:
     scene = scene_with(load)
     core = scene.core
     assert scene.actuator_names == ("h",)
-    gears = core.P[scene.layout.actuator(0) : scene.layout.gravity]
+    gears = core.P[scene.layout.actuator(0) : scene.layout.fluid]
     assert gears.tolist() == [10, 7, 0, -7, -2, 0, UNLIMITED, 0, 0]  # no time constant, limit or backlash
     assert (core.act_line.tolist(), core.act_ctrl.tolist()) == ([1], [[-np.inf, np.inf]])
 

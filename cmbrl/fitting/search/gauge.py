@@ -1,11 +1,12 @@
 """Which parameters are known up to a common factor only, because motion does not determine the unit of force.
 
-Scaling mass, armature, damping, stiffness, friction loss and gears, or gains, of a tree together changes no motion. One
-known value among them determines the others; if all may move, only the prior says how large they are: the factor is the
-one that leaves them nearest to the file. Holding one of them instead would carry its error into all others. What the
-file does not have (a damping of 0, say) tells nothing of the factor: its prior is as wide as the robot's masses and
-motors make it, in whatever unit, and that it is there at all would speak for a small unit. Trees that can touch, or
-that a tendon or an equality constraint ties, exchange impulses, so they share one scale.
+Scaling mass, armature, damping, stiffness, friction loss and gears, or gains, of a tree together, and the density and
+viscosity of the fluid that it moves in, changes no motion. One known value among them determines the others; if all may
+move, only the prior says how large they are: the factor is the one that leaves them nearest to the file. Holding one of
+them instead would carry its error into all others. What the file does not have (a damping of 0, say) tells nothing of
+the factor: its prior is as wide as the robot's masses and motors make it, in whatever unit, and that it is there at all
+would speak for a small unit. Trees that can touch, or that a tendon or an equality constraint ties, exchange impulses,
+so they share one scale.
 """
 
 from __future__ import annotations
@@ -17,12 +18,14 @@ import numpy as np
 
 from cmbrl.fitting.search.space import Space
 from cmbrl.scene.core.core_arrays import CoreArrays
+from cmbrl.scene.forces.fluid_ellipsoids import ellipsoid_drags
 from cmbrl.scene.laws import CONTACT_LAWS
 from cmbrl.scene.records import WORLD, JointKind, TieKind
 
 _FORCES = ("armature", "damping", "stiffness", "frictionloss", "friction_slope", "stribeck")  # fields of a line
 _SPRINGS = ("solref0", "solref1")  # fields of a contact, which hold its stiffness and damping
 _GAINS = ("gain", "bias0", "bias1", "bias2")
+_FELT = 0.1  # [m/s^2] of drag at 1 m/s: a fluid that is less felt, such as air, tells no masses
 _FACTORS, _NARROWER = 40, 4  # tried at once; how often, each time between the neighbours of the best
 _FURTHEST, _SWEEPS, _SETTLED = 10.0, 30, 1e-3
 
@@ -38,9 +41,12 @@ def common_factors(core: CoreArrays, free: np.ndarray) -> list[list[int]]:
     for members in _sets(core):
         massive = [b for b in members if core.P[mass(b)] > 0.0]
         forces = _force_places(core, members, owner)
-        owners = [owner.get(place, []) for place in [*map(mass, massive), *(p for p in forces if core.P[p] != 0.0)]]
+        known = [*map(mass, massive), *(p for p in forces if core.P[p] != 0.0), *_felt(core, members)]
+        owners = [owner.get(place, []) for place in known]
         if massive and all(any(free[k] for k in some) for some in owners):
-            others = [owner.get(place, []) for place in [*forces, *_limit_places(core, members, owner)]]
+            others = [
+                owner.get(place, []) for place in [*forces, *_limit_places(core, members, owner), *_fluid_places(core)]
+            ]
             found.append(sorted({k for some in [*owners, *others] for k in some if free[k]}))
     return found
 
@@ -127,6 +133,25 @@ def _limit_places(core: CoreArrays, members: list[int], owner: Mapping[int, list
     lines = [k for k, of in enumerate(_bodies_of_lines(core)) if not inside.isdisjoint(of)]
     driven = [a for a, line in enumerate(core.act_line) if line in lines and not _by_gear(core, owner, a)]
     return [layout.actuator(a, field) for a in driven for field in ("limit", "limit_slope")]
+
+
+def _felt(core: CoreArrays, members: list[int]) -> list[int]:
+    """Offsets into P of the density and the viscosity of the fluid, of what tells ``members``' masses by its drag."""
+    mass = sum(float(core.P[core.layout.mass(b)]) for b in members)
+    felt = zip(_fluid_places(core), _drags(core, members), strict=True)
+    return [place for place, drag in felt if core.P[place] * drag > _FELT * mass]
+
+
+def _drags(core: CoreArrays, bodies: list[int]) -> tuple[float, float]:
+    """The drag on moving ``bodies`` at 1 m/s, per density [N m^3/kg] and per viscosity [N/(Pa s)]; the largest way."""
+    boxes = np.isin(core.box_body, bodies)
+    linear, quadratic = (x[boxes, -core.layout.dimension :] for x in (core.box_linear, core.box_quadratic))
+    viscous, blunt = ellipsoid_drags(core.ellipsoid_coef[np.isin(core.ellipsoid_body, bodies)])
+    return float(quadratic.max(axis=1).sum() + blunt.sum()), float(linear.max(axis=1).sum() + viscous.sum())
+
+
+def _fluid_places(core: CoreArrays) -> tuple[int, int]:
+    return core.layout.fluid, core.layout.fluid + 1
 
 
 def _bodies_of_lines(core: CoreArrays) -> list[list[int]]:

@@ -27,6 +27,9 @@ template <class S, int N> static inline Jet<S, N> operator*(const Jet<S, N>& a, 
 template <class S, int N> static inline Jet<S, N> operator*(double k, const Jet<S, N>& a) {
   return jet_of<S, N>(k * a.v, [&](int i) { return k * a.d[i]; });
 }
+template <class S, int N> static inline Jet<S, N> operator*(T k, const Jet<S, N>& a) {
+  return jet_of<S, N>(k * a.v, [&](int i) { return k * a.d[i]; });
+}
 template <class S, int N> static inline Jet<S, N> operator+(double k, const Jet<S, N>& a) {
   Jet<S, N> y = a;
   y.v = k + a.v;

@@ -5,13 +5,15 @@
 
 namespace cmbrl::CMBRL_ISA {
 
-// Constants of an ellipsoid, in the order of scene/fluid_ellipsoids.py.
+// Constants of an ellipsoid, per density or viscosity, in the order of scene/forces/fluid_ellipsoids.py.
 struct EllipsoidInFluid {
   double mass[3], inertia[3];  // added by the fluid
   double viscous_force, viscous_torque, blunt, slender, kutta, magnus, turning[3];
   double section[3], area;     // squares of the products of the other two semiaxes, largest section
 };
 constexpr int kEllipsoidNumbers = sizeof(EllipsoidInFluid) / sizeof(double);
+
+struct Fluid { T density, viscosity; };  // forces are linear in them
 
 template <class S>
 static inline void cross_into(const S* a, const S* b, S* y) {
@@ -20,7 +22,7 @@ static inline void cross_into(const S* a, const S* b, S* y) {
 
 // f (torque, force) along the axes, of the velocities x about and along them. S: a pack, or a jet of packs.
 template <class S>
-static void ellipsoid_wrench(const EllipsoidInFluid& e, const S* x, S* f) {
+static void ellipsoid_wrench(const EllipsoidInFluid& e, const Fluid& fluid, const S* x, S* f) {
   constexpr double tiny = 1e-15;  // MuJoCo's smallest divisor
   constexpr double pi = 3.14159265358979323846;
   const S *w = x, *v = x + 3;
@@ -34,8 +36,8 @@ static void ellipsoid_wrench(const EllipsoidInFluid& e, const S* x, S* f) {
   S speed = root(square(v, v)), across = square(normal, v), normal2 = square(normal, normal);
   S section = pi * root(normal2 * inverse(at_least(across, tiny)));
   S lift = e.kutta * (section * across * inverse(at_least(speed * normal2, tiny)));
-  S drag = e.viscous_force + speed * (e.slender * e.area + (e.blunt - e.slender) * section);
-  S resistance = e.viscous_torque + root(square(turning, turning));
+  S drag = speed * (e.slender * e.area + (e.blunt - e.slender) * section);
+  S resistance = root(square(turning, turning));
   cross_into(momentum, v, a);
   cross_into(spin, w, b);
   for (int i = 0; i < 3; ++i) f[i] = a[i] + b[i] - resistance * w[i];
@@ -44,7 +46,10 @@ static void ellipsoid_wrench(const EllipsoidInFluid& e, const S* x, S* f) {
   for (int i = 0; i < 3; ++i) f[3 + i] = a[i] + e.magnus * b[i] - drag * v[i];
   cross_into(normal, v, a);
   cross_into(a, v, b);
-  for (int i = 0; i < 3; ++i) f[3 + i] = f[3 + i] + lift * b[i];
+  for (int i = 0; i < 3; ++i) {
+    f[i] = fluid.density * f[i] - (fluid.viscosity * e.viscous_torque) * w[i];
+    f[3 + i] = fluid.density * (f[3 + i] + lift * b[i]) - (fluid.viscosity * e.viscous_force) * v[i];
+  }
 }
 
 }  // namespace cmbrl::CMBRL_ISA

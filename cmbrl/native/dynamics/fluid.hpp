@@ -25,6 +25,7 @@ static void frame_axes(const Work<G>& w, int body, const double* place, const do
   }
 }
 
+template <class G> static inline Fluid fluid_of(const Model& m, const Work<G>& w) { return {w.P[m.oFluid], w.P[m.oFluid + 1]}; }
 template <class G> static inline Vec<G::N> wind(const Model& m) { return join<G>(zero<G::A>(), load<G::D>(m.wind)); }
 
 template <int N> static inline void add_square(T* A, T k, const Vec<N>& x) {
@@ -53,11 +54,11 @@ template <int N, class K> static inline void add_form(T* A, const Vec<N>* axes, 
 
 // f(body, unit wrench, linear and quadratic coefficient) for every axis of every box.
 template <class G, class F>
-static void for_box_axes(const Model& m, const Work<G>& w, F f) {
+static void for_box_axes(const Model& m, const Work<G>& w, const Fluid& fluid, F f) {
   Vec<G::N> axes[G::N];
   for (int k = 0; k < m.nbox; ++k) {
     frame_axes(w, m.box_body[k], m.box_pos + k * G::D, m.box_rot + k * (G::D == 2 ? 2 : 9), axes);
-    CMBRL_FOR(c, G::N) f(m.box_body[k], axes[c], m.box_linear[k * G::N + c], m.box_quadratic[k * G::N + c]);
+    CMBRL_FOR(c, G::N) f(m.box_body[k], axes[c], fluid.viscosity * m.box_linear[k * G::N + c], fluid.density * m.box_quadratic[k * G::N + c]);
   }
 }
 
@@ -82,10 +83,10 @@ template <class S, int N> static inline void seed(Jet<S, N>& x, T v, int input) 
   for (int i = 0; i < N; ++i) seed(x.d[i], splat(i == input), N);
 }
 template <class S>
-static void wrench_of(const EllipsoidInFluid& e, const Vec<6>* axes, const Vec<6>& twist, S* f) {
+static void wrench_of(const EllipsoidInFluid& e, const Fluid& fluid, const Vec<6>* axes, const Vec<6>& twist, S* f) {
   S x[6];
   CMBRL_FOR(i, 6) seed(x[i], dot(axes[i], twist), i);
-  ellipsoid_wrench(e, x, f);
+  ellipsoid_wrench(e, fluid, x, f);
 }
 
 // MuJoCo damps with the symmetric part of the derivative, unless it takes Coriolis forces implicitly too (gyro.hpp).
@@ -112,16 +113,17 @@ template <class G>
 static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
   constexpr int size = G::N * G::N;
   Vec<G::N> still = wind<G>(m);
+  Fluid fluid = fluid_of(m, w);
   bool implicit = m.implicit_gains && !o.rk4;
   clear_drag(m, w);
-  for_box_axes(m, w, [&](int b, const Vec<G::N>& axis, double linear, double quadratic) {
+  for_box_axes(m, w, fluid, [&](int b, const Vec<G::N>& axis, T linear, T quadratic) {
     T v = dot(axis, w.vel[b] - still), size_of_v = vabs(v);
     w.drag[b] -= ((linear + quadratic * size_of_v) * v) * axis;
     if (implicit) add_square(w.drag_end + b * size, linear + 2.0 * quadratic * size_of_v, axis);
   });
   for_ellipsoids(m, w, [&](int b, const EllipsoidInFluid& e, auto* axes) {
     Jet<T, 6> f[6];
-    wrench_of(e, axes, w.vel[b] - still, f);
+    wrench_of(e, fluid, axes, w.vel[b] - still, f);
     CMBRL_FOR(i, 6) w.drag[b] += f[i].v * axes[i];
     bool whole = one_sided(m, o, b);
     if (implicit) add_form(w.drag_end + b * size, axes, [&](int i, int j) { return -(whole ? f[i].d[j] : 0.5 * (f[i].d[j] + f[j].d[i])); });
@@ -145,18 +147,18 @@ static void fluid_forces(const Model& m, const Options& o, Work<G>& w) {
 
 // Of one ellipsoid: what fluid_terms gathers, of F(V) and of B(V) (V' - V), where B is F' or its symmetric part.
 template <class G>
-static void ellipsoid_terms(const Model& m, const Options& o, Work<G>& w, bool implicit, bool late, int b, const EllipsoidInFluid& e,
-                            const Vec<6>* axes, const Vec<6>& twist) {
+static void ellipsoid_terms(const Model& m, const Options& o, Work<G>& w, const Fluid& fluid, bool implicit, bool late, int b,
+                            const EllipsoidInFluid& e, const Vec<6>* axes, const Vec<6>& twist) {
   T *start = w.drag_start + b * 36, *end = w.drag_end + b * 36;
   if (!implicit) {
     Jet<T, 6> f[6];
-    wrench_of(e, axes, twist, f);
+    wrench_of(e, fluid, axes, twist, f);
     CMBRL_FOR(i, 6) w.drag[b] += f[i].v * axes[i];
     add_form(start, axes, [&](int i, int j) { return f[i].d[j]; });
     return;
   }
   Jet<Jet<T, 6>, 6> f[6];
-  wrench_of(e, axes, twist, f);
+  wrench_of(e, fluid, axes, twist, f);
   bool whole = one_sided(m, o, b);
   auto damping = [&](int i, int j) { return whole ? f[i].d[j].v : 0.5 * (f[i].d[j].v + f[j].d[i].v); };
   T change[6];
@@ -174,17 +176,14 @@ static void ellipsoid_terms(const Model& m, const Options& o, Work<G>& w, bool i
   });
 }
 
-// Adds h times the derivatives of what acts in the step, F(V) + F'(V) (V' - V) if implicit, with twists V, V' under v and vn
-// in w.vel and w.tn: dF = drag_start dV + drag_end dV' in the axes of a box, which turn with its body. late: of F'(V) (V' - V)
-// alone, at fixed v' - v: what is implicit, as a part of M~.
+// What acts in a step, F(V) + F'(V) (V' - V) if implicit, with twists V, V' under v and vn in w.vel and w.tn, into w.drag; and its
+// derivatives, drag_start by V and drag_end by V'. late: of F'(V) (V' - V) alone.
 template <class G>
-static void fluid_terms(const Model& m, const Options& o, Work<G>& w, bool implicit, T* Gq, T* Gv, bool late = false) {
+static void fluid_wrenches(const Model& m, const Options& o, Work<G>& w, const Fluid& fluid, bool implicit, bool late) {
   constexpr int size = G::N * G::N;
-  int nv = m.nv;
-  double h = o.h;
   Vec<G::N> still = wind<G>(m);
   clear_drag(m, w);
-  for_box_axes(m, w, [&](int b, const Vec<G::N>& axis, double linear, double quadratic) {
+  for_box_axes(m, w, fluid, [&](int b, const Vec<G::N>& axis, T linear, T quadratic) {
     T v = dot(axis, w.vel[b] - still), by_v = -(linear + 2.0 * quadratic * vabs(v));
     T force = late ? T{} : -(linear + quadratic * vabs(v)) * v;
     if (implicit) {
@@ -197,9 +196,20 @@ static void fluid_terms(const Model& m, const Options& o, Work<G>& w, bool impli
     add_square(w.drag_start + b * size, by_v, axis);
   });
   for_ellipsoids(m, w, [&](int b, const EllipsoidInFluid& e, auto* axes) {
-    ellipsoid_terms(m, o, w, implicit, late, b, e, axes, w.vel[b] - still);
+    ellipsoid_terms(m, o, w, fluid, implicit, late, b, e, axes, w.vel[b] - still);
   });
   carry_drag(m, w);
+}
+
+// Adds h times the derivatives of that: dF = drag_start dV + drag_end dV' in the axes of a box, which turn with its body. late:
+// at fixed v' - v: what is implicit, as a part of M~.
+template <class G>
+static void fluid_terms(const Model& m, const Options& o, Work<G>& w, bool implicit, T* Gq, T* Gv, bool late = false) {
+  constexpr int size = G::N * G::N;
+  int nv = m.nv;
+  double h = o.h;
+  Vec<G::N> still = wind<G>(m);
+  fluid_wrenches(m, o, w, fluid_of(m, w), implicit, late);
   for (int i = 0; i < nv; ++i) {
     int b = m.dof_body[i];
     const T *start = w.drag_start + b * size, *end = w.drag_end + b * size;
@@ -218,6 +228,24 @@ static void fluid_terms(const Model& m, const Options& o, Work<G>& w, bool impli
       Gq[j * nv + i] += dot(w.S[j], m.dof_jnt[j] == m.dof_jnt[i] ? own : turned);
       Gv[i * nv + j] += dot(w.S[j], back);
       Gv[j * nv + i] += dot(w.S[j], by_v);
+    }
+  }
+}
+
+// The same by parameters that change density or viscosity, into columns of `out` (nv x np).
+template <class G>
+static void fluid_columns(const Model& m, const Options& o, Work<G>& w, bool implicit, T* out, bool late = false) {
+  CMBRL_FOR(property, 2) {
+    bool known = false;
+    for (int c = 0; c < w.np; ++c) {
+      int k = w.parameter[c];
+      for (int e = m.par_ptr[k]; e < m.par_ptr[k + 1]; ++e) {
+        if (m.par_idx[e] != m.oFluid + property) continue;
+        T one = splat(1), none = T{};
+        if (!known) fluid_wrenches(m, o, w, property == 0 ? Fluid{one, none} : Fluid{none, one}, implicit, late);
+        known = true;
+        for (int i = 0; i < m.nv; ++i) out[i * w.np + c] += m.par_coef[e] * o.h * dot(w.S[i], w.drag[m.dof_body[i]]);
+      }
     }
   }
 }

@@ -47,7 +47,7 @@ struct Model : Structure {
   double least_time(double h) const { return refsafe ? 2 * h : 0; }
   int D, nq, nu, nbody, njoint, ncontact, nplane, nlimit, nact, ntendon, nline, nseg, nwrap, ntie;
   int nforcerange, nlift, nwide, nlink, nbox, nellipsoid, nballspring, npower, nP, ntheta, ngroup;
-  int body_fields, oDof, oPlane, oAct, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
+  int body_fields, oDof, oPlane, oAct, oFluid, oGravity, oContact;  // layout of P; bodies start at 0, contacts end it
 
   const int *body_parent, *body_jadr, *body_jnum;
   const double *body_pos, *body_rot;

@@ -41,7 +41,8 @@ SceneData::SceneData(std::map<std::string, std::vector<int>> ints, std::map<std:
   m.oDof = m.nbody * m.body_fields;
   m.oPlane = m.oDof + m.nline * kDofFields;
   m.oAct = m.oPlane + m.nplane;
-  m.oGravity = m.oAct + m.nact * kActuatorFields;
+  m.oFluid = m.oAct + m.nact * kActuatorFields;
+  m.oGravity = m.oFluid + 2;
   m.oContact = m.oGravity + m.D;
   m.nP = m.oContact + m.ncontact * kContactFields;
   size_t nb = m.nbody, nj = m.njoint, nc = m.ncontact, nl = m.nlimit, na = m.nact, ne = m.ntie, D = m.D;

@@ -128,6 +128,7 @@ static void inertia_terms(const Model& m, const Options& o, Work<G>& w) {
     for (int k = 0; k < nv; ++k) w.pvec[k] = w.v[k] + w.eased[k];
     accelerations_and_twists(m, o, w, w.pvec);
     fluid_terms(m, o, w, true, w.Sq, w.Sv, true);
+    fluid_columns(m, o, w, true, w.Sp, true);
   }
   inertia_derivatives(m, w, w.shift, -1.0, w.Sq);
   for (int i = m.nv; i < m.nline; ++i) {

@@ -173,8 +173,8 @@ struct ParameterColumns : ForceColumns<G> {
       else if (idx < m.oAct) {
         for (int i = 0; i < w.ncon; ++i)
           if (m.con_plane[w.con[i].index] == idx - m.oPlane) add_wrench(w.con[i], coef * gap(w.con[i], -1, 0.5));
-      } else if (idx < m.oGravity) this->actuator((idx - m.oAct) / kActuatorFields, (idx - m.oAct) % kActuatorFields, coef);
-      else this->gravity(idx - m.oGravity, coef);
+      } else if (idx < m.oFluid) this->actuator((idx - m.oAct) / kActuatorFields, (idx - m.oAct) % kActuatorFields, coef);
+      else if (idx >= m.oGravity) this->gravity(idx - m.oGravity, coef);  // of a fluid: fluid_columns
     }
   }
 };
@@ -244,6 +244,7 @@ static void parameter_terms(const Model& m, const Options& o, Work<G>& w, T* out
   if (forces) for (int i = 0; i < m.nv * w.np; ++i) out[i] = T{};
   auto columns = [&](int k) { return ParameterColumns<G>{{m, o, w, out + w.column[k], w.np, part}}; };
   for (int i = 0; i < w.np; ++i) columns(w.parameter[i]).column(w.parameter[i]);
+  if (forces && m.in_fluid()) fluid_columns(m, o, w, m.implicit_gains && !o.apart(), out);
   if (part == Part::step || part == Part::late_rows) contact_columns(m, w, columns);
   if (part == Part::step) {
     for (int i = 0; i < w.nlim; ++i)

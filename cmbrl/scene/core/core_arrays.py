@@ -206,8 +206,8 @@ class CoreArrays:
     box_body: Integers  # (nx,) boxes that feel its drag
     box_pos: Array  # (nx, D) in the body frame
     box_rot: Array  # (nx, 2) or (nx, 9)
-    box_linear: Array  # (nx, N) drag about and along its axes, by velocity
-    box_quadratic: Array  # (nx, N) by velocity times speed
+    box_linear: Array  # (nx, N) drag about and along its axes, by velocity and viscosity
+    box_quadratic: Array  # (nx, N) by velocity, speed and density
     ellipsoid_body: Integers  # (ny,) ellipsoids that it drags and lifts; none in the plane
     ellipsoid_pos: Array  # (ny, 3) in the body frame
     ellipsoid_rot: Array  # (ny, 9)

@@ -33,6 +33,8 @@ def physical_vector(model: mujoco.MjModel, parts: Parts, layout: Layout, law: La
     for k, ground in enumerate(parts.grounds):
         P[layout.plane(k)] = ground.rot[:, 2] @ ground.pos
     _write_actuators(P, layout, parts.actuators)
+    if parts.boxes or parts.ellipsoids:
+        P[layout.fluid : layout.gravity] = model.opt.density, model.opt.viscosity
     if not ignores(model, "GRAVITY"):
         gravity = np.asarray(model.opt.gravity)
         P[layout.gravity : layout.contact(0)] = parts.plane.basis @ gravity if parts.plane else gravity

@@ -28,8 +28,8 @@ class Box:
     body: int
     pos: Array  # (3,) of its centre in the frame of the moving body
     rot: Array  # (3, 3) its axes there, by columns
-    linear: Array  # (6,) [N m s/rad, N s/m] drag about and along its axes by velocity
-    quadratic: Array  # (6,) [N m s^2/rad^2, N s^2/m^2] by velocity times speed
+    linear: Array  # (6,) [m^3, m] drag about and along its axes by velocity and viscosity
+    quadratic: Array  # (6,) [m^5, m^2] by velocity, speed and density
 
 
 def read_boxes(model: mujoco.MjModel, tree: Tree, gate: Gate) -> list[Box]:
@@ -41,10 +41,10 @@ def read_boxes(model: mujoco.MjModel, tree: Tree, gate: Gate) -> list[Box]:
         return []
     numbers = [k for k in range(1, model.nbody) if tree.frames[k].body != WORLD and float(model.body_mass[k]) >= _LEAST]
     boxes = [k for k in numbers if not has_ellipsoids(model, k)]
-    return [_box(model, tree, number, density, viscosity) for number in boxes]
+    return [_box(model, tree, number) for number in boxes]
 
 
-def _box(model: mujoco.MjModel, tree: Tree, number: int, density: float, viscosity: float) -> Box:
+def _box(model: mujoco.MjModel, tree: Tree, number: int) -> Box:
     frame, inertia = tree.frames[number], model.body_inertia[number]
     a, b, c = sides = np.sqrt(np.maximum(_LEAST, inertia.sum() - 2 * inertia) / model.body_mass[number] * 6)
     width = sides.mean()
@@ -53,16 +53,11 @@ def _box(model: mujoco.MjModel, tree: Tree, number: int, density: float, viscosi
         frame.body,
         frame.pos + frame.rot @ model.body_ipos[number],
         frame.rot @ quaternion_matrix(model.body_iquat[number]),
-        np.repeat([np.pi * viscosity * width**3, 3 * np.pi * viscosity * width], 3),
-        density
-        * np.array(
+        np.repeat([np.pi * width**3, 3 * np.pi * width], 3),
+        np.array(
             [
-                a * (b**4 + c**4) / 64,
-                b * (a**4 + c**4) / 64,
-                c * (a**4 + b**4) / 64,
-                b * c / 2,
-                a * c / 2,
-                a * b / 2,
+                *(a * (b**4 + c**4) / 64, b * (a**4 + c**4) / 64, c * (a**4 + b**4) / 64),
+                *(b * c / 2, a * c / 2, a * b / 2),
             ]
         ),
     )

@@ -63,31 +63,28 @@ def _semiaxes(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def _coefficients(model: mujoco.MjModel, geom: int) -> Array:
+    """Those that go with the density, per kg/m^3, and those that go with the viscosity, per Pa s."""
     share, blunt, slender, angular, kutta, magnus = model.geom_fluid[geom, :6]
-    density, viscosity = share * model.opt.density, share * model.opt.viscosity
     axes = _semiaxes(model, geom)
     least, middle, most = np.sort(axes)
     diameter = 2 * axes.mean()
     others = np.array([[axes[1], axes[2]], [axes[2], axes[0]], [axes[0], axes[1]]])
     inertia = 8 / 15 * np.pi * axes * others.max(axis=1) ** 4
     largest = 8 / 15 * np.pi * middle * most**4
-    return np.concatenate(
+    forces = share * np.concatenate(
         [
-            density * model.geom_fluid[geom, 6:9],
-            density * model.geom_fluid[geom, 9:12],
-            [
-                3 * np.pi * diameter * viscosity,
-                np.pi * diameter**3 * viscosity,
-                density * blunt,
-                density * slender,
-                density * kutta,
-                density * magnus * 4 / 3 * np.pi * least * middle * most,
-            ],
-            density * (angular * inertia + slender * (largest - inertia)),
-            others.prod(axis=1) ** 2,
-            [np.pi * most * middle],
+            model.geom_fluid[geom, 6:12],
+            [3 * np.pi * diameter, np.pi * diameter**3],
+            [blunt, slender, kutta, magnus * 4 / 3 * np.pi * least * middle * most],
+            angular * inertia + slender * (largest - inertia),
         ]
     )
+    return np.concatenate([forces, others.prod(axis=1) ** 2, [np.pi * most * middle]])
+
+
+def ellipsoid_drags(coefficients: Array) -> tuple[Array, Array]:
+    """Of ``coefficients`` (ny, 19): drag (ny,) at 1 m/s by viscosity, and the bluntest by density."""
+    return coefficients[:, 6], coefficients[:, 8] * coefficients[:, 18]
 
 
 def ellipsoid_arrays(ellipsoids: list[Ellipsoid]) -> dict[str, Any]:

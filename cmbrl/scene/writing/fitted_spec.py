@@ -112,12 +112,15 @@ class FittedSpec(FittedContacts):
         yield from ((int(first[k]), k) for k, count in enumerate(counts) if count)
 
     def _world(self) -> None:
-        """Gravity and the heights of planes."""
+        """Gravity, the fluid, and the heights of planes."""
         layout, model = self.scene.layout, self.model
         gravity = self.change[layout.gravity : layout.contact(0)]
         if gravity.any():
             basis = self.scene.core.plane_basis if self.scene.planar else np.eye(3)
             self.spec.option.gravity = model.opt.gravity + basis.T @ gravity
+        density, viscosity = self.change[layout.fluid : layout.gravity].tolist()
+        self.spec.option.density += density
+        self.spec.option.viscosity += viscosity
         heights = [p.name.partition(".")[2] for p in self.scene.parameters if p.group == "plane_height"]
         for k, name in enumerate(heights):
             if height := self.change[layout.plane(k)]:
@@ -154,7 +157,7 @@ class FittedSpec(FittedContacts):
             for n, part in moved_parts(
                 parts, body, Inertial(float(self.P[layout.mass(k)]), body.com + com, target)
             ).items():
-                part.write(self._element("bodies", n), frames[n])
+                part.write(self._element("bodies", n), frames[n], model.body_iquat[n])
 
     def _freeze_inertials(self) -> None:
         """Writes the masses of all bodies as compiled, so that no geom and no compiler flag changes them."""

@@ -22,6 +22,7 @@ from cmbrl.scene.records import Array, Body, Frame
 
 _FLAT = 1e-9  # of the largest second moment: a body without extent in this direction stays so
 _SAME = 1e-12
+_PRINCIPAL = 1e-9  # of the largest moment, what products of inertia are below in principal axes
 _ROUNDED = 1e-5  # of a moment, by which it may be off where it is written
 
 
@@ -40,12 +41,18 @@ class Inertial:
         inertia = axes @ np.diag(model.body_inertia[number]) @ axes.T
         return cls(float(model.body_mass[number]), frame.pos + frame.rot @ model.body_ipos[number], inertia)
 
-    def write(self, element: Any, frame: Frame) -> None:
-        """Into the specification of the body with this ``frame``."""
-        moments, axes = np.linalg.eigh(frame.rot.T @ self.inertia @ frame.rot)
-        quaternion = np.zeros(4)
-        axes = axes * np.sign(np.linalg.det(axes))
-        mujoco.mju_mat2Quat(quaternion, axes.ravel())
+    def write(self, element: Any, frame: Frame, nominal: Array) -> None:
+        """Into the specification of the body with this ``frame``.
+
+        The axes stay those of the quaternion ``nominal`` (4,) if they are principal. Those of a rod could turn about
+        it, and the box that a fluid drags with them.
+        """
+        quaternion, own = np.array(nominal), quaternion_matrix(nominal)
+        inertia = own.T @ frame.rot.T @ self.inertia @ frame.rot @ own
+        moments = np.diag(inertia).copy()
+        if np.abs(inertia - np.diag(moments)).max() > _PRINCIPAL * moments.max():
+            moments, axes = np.linalg.eigh(inertia)
+            mujoco.mju_mat2Quat(quaternion, (own @ axes * np.sign(np.linalg.det(axes))).ravel())
         write_inertial(element, self.mass, frame.rot.T @ (self.com - frame.pos), quaternion, moments)
 
 

@@ -68,7 +68,7 @@ def _clamps(model: ComplementarityModel, lengths: Array, rates: Array, u: Array,
     scene, core, layout = model.scene, model.scene.core, model.scene.layout
     first = layout.contact(0, "solref0")
     time = P[first : first + core.ncontact * len(CONTACT_FIELDS) : len(CONTACT_FIELDS)]
-    numbers = P[layout.actuator(0) : layout.gravity].reshape(-1, len(ACTUATOR_FIELDS)).T
+    numbers = P[layout.actuator(0) : layout.fluid].reshape(-1, len(ACTUATOR_FIELDS)).T
     gear, gain, bias0, bias1, bias2, _, limit, slope, gap = numbers
     low, high = np.reshape(core.act_ctrl, (-1, 2)).T
     least, most = np.reshape(core.act_force, (-1, 2)).T
