@@ -8,7 +8,7 @@ from pathlib import Path
 from cmbrl.errors import UserError
 
 try:
-    from cmbrl.native._core import Core, NetWeights, Problems, Tape, kept_buffers
+    from cmbrl.native._core import Core, NetWeights, Problems, Tape, followed, kept_buffers
 except ModuleNotFoundError as error:  # Python has found the sources first, as it does in their folder
     if error.name != "cmbrl.native._core":
         raise
@@ -18,7 +18,7 @@ except ModuleNotFoundError as error:  # Python has found the sources first, as i
         "this one, run scripts/setup.sh and then `source .venv/bin/activate`"
     ) from None
 
-__all__ = ["Core", "NetWeights", "Problems", "SolverStatus", "Tape", "kept_buffers"]
+__all__ = ["Core", "NetWeights", "Problems", "SolverStatus", "Tape", "followed", "kept_buffers"]
 
 
 class SolverStatus(IntEnum):

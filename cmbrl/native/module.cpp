@@ -6,6 +6,7 @@
 
 namespace cmbrl {
 void bind_core(nanobind::module_& module);
+void bind_drives(nanobind::module_& module);
 void bind_nets(nanobind::module_& module);
 void bind_problems(nanobind::module_& module);
 }  // namespace cmbrl
@@ -15,5 +16,6 @@ NB_MODULE(_core, module) {
   cmbrl::bind_core(module);
   cmbrl::bind_problems(module);
   cmbrl::bind_nets(module);
+  cmbrl::bind_drives(module);
   module.def("kept_buffers", &cmbrl::Buffers::sizes, "Bytes of every block kept for the next results, the oldest first.");
 }
