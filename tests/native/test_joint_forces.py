@@ -8,63 +8,13 @@ import mujoco
 import numpy as np
 import pytest
 
-from cmbrl.bench.studies.derivatives.differences import compare, measure
+from cmbrl.bench.studies.derivatives.differences import measure
 from cmbrl.contact import Barrier, Gaussian
 from cmbrl.models.complementarity import ComplementarityModel
 from cmbrl.scene import Scene
 from cmbrl.scene.info.report import describe
 
-from .test_adjoint import mismatch_at
-
-INTEGRATORS = ("Euler", "implicitfast")
-ARM = """<mujoco><option timestep=".01" integrator="{integrator}"/>
-<default><geom contype="0" conaffinity="0"/></default>
-<worldbody>{world}</worldbody>{rest}</mujoco>"""
-TWO_LINKS = """<body {body}><joint name="shoulder" type="hinge" axis="0 1 0" damping=".3" {joint}/>
-<geom type="capsule" size=".04" fromto="0 0 0 .4 0 0"/><body name="fore" pos=".4 0 0" {body}>
-<joint name="elbow" type="hinge" axis="{axis}" armature=".02" {joint}/><geom type="capsule" size=".03"
-fromto="0 0 0 .3 0 0"/><body pos=".3 0 0"><geom type="box" size=".05 .02 .03" pos=".02 .01 .05"/></body>
-</body></body>"""
-
-
-def write(path: Path, integrator: str, world: str, rest: str = "") -> Path:
-    file = path / "scene.xml"
-    file.write_text(ARM.format(integrator=integrator, world=world, rest=rest), encoding="utf-8")
-    return file
-
-
-def states(scene: Scene, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    q = scene.integrate(np.tile(scene.q0, (count, 1)), rng.normal(size=(count, scene.nv)))
-    return q, rng.normal(size=(count, scene.nv)), rng.normal(size=(count, scene.nu))
-
-
-def assert_like_mujoco(file: Path, count: int = 40, tolerance: float = 1e-9) -> mujoco.MjData:
-    """v' of a step from random states, at once and in one batch; returns MuJoCo's data after the last."""
-    scene, model = Scene.from_mjcf(file), mujoco.MjModel.from_xml_path(str(file))
-    q, v, u = states(scene, count)
-    r = ComplementarityModel(scene).predict(q, v, u)
-    data = mujoco.MjData(model)
-    for k in range(count):
-        mujoco.mj_resetData(model, data)
-        data.qpos[:], data.qvel[:], data.ctrl[:] = q[k], v[k], u[k]
-        mujoco.mj_step(model, data)
-        size = max(1.0, float(np.abs(data.qvel).max()))
-        np.testing.assert_allclose(r.v_next[k], data.qvel, rtol=0, atol=tolerance * size)
-    return data
-
-
-def assert_exact(file: Path, expected: set[str], count: int = 10, **settings: object) -> None:
-    """The Jacobian against finite differences, and products with its transpose; ``expected`` groups are in it."""
-    scene = Scene.from_mjcf(file)
-    model = ComplementarityModel(scene, **settings)  # type: ignore[arg-type]
-    q, v, u = states(scene, count, 1)
-    row = compare(model, q, v, u, 60)
-    assert expected <= set(row["kinds"])
-    assert row["median"] <= 1e-6, row
-    assert row["worst"] <= 1e-4, row
-    assert row["across_kinks"] + row["vague"] <= 0.03 * row["columns"], row
-    assert mismatch_at(model, q, v, u, np.random.default_rng(2)) < 1e-9
+from .one_step import FLYING, INTEGRATORS, ROOTS, TWO_LINKS, assert_exact, assert_like_mujoco, states, write
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
@@ -131,15 +81,6 @@ def test_compensation_follows_the_fitted_mass(tmp_path: Path) -> None:
     assert np.abs(r.v_next).max() < 1e-14
 
 
-FLYING = """<body name="b">{root}<geom type="box" size=".1 .05 .03" pos=".02 .03 .01"/>
-<site name="s" pos=".1 .2 .3" euler="20 40 60"/><body pos=".3 0 0"><joint name="ball" type="ball" pos=".05 0 0"/>
-<geom size=".07" pos=".1 .1 0"/><body pos="0 .2 .1"><joint name="slide" type="slide" axis="1 1 0"/>
-<joint name="hinge" axis="0 1 2" actuatorfrcrange="-.2 .3"/><geom type="capsule" size=".04 .1" pos=".1 0 0"/>
-<body pos=".1 0 0" euler="10 20 30"><geom type="box" size=".1 .03 .06" pos="0 .1 .1"/><site name="t" pos="0 .1 0"/>
-</body></body></body></body>"""
-ROOTS = ['<joint name="root" type="free"/>', '<joint name="root" type="ball"/>', '<joint axis="0 1 1"/>']
-
-
 @pytest.mark.parametrize("root", ROOTS)
 def test_actuators_on_sites_and_on_ball_and_free_joints(root: str, tmp_path: Path) -> None:
     """Wrenches that turn with a body, and moment arms of several coordinates; clamped by control, force and joint."""
@@ -163,68 +104,6 @@ def test_site_in_the_plane(tmp_path: Path) -> None:
     assert_exact(file, {"q", "u", "gear"})
     assert "s on body fore" not in describe(Scene.from_mjcf(file))
     assert "on body fore" in describe(Scene.from_mjcf(file))
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-@pytest.mark.parametrize("medium", ['viscosity="2"', 'density="300"', 'density="300" viscosity="2" wind="1 -2 .5"'])
-@pytest.mark.parametrize("root", ROOTS)
-def test_drag_of_a_fluid(integrator: str, medium: str, root: str, tmp_path: Path) -> None:
-    """On every part of a body; implicit in its velocity where MuJoCo's integrator is."""
-    file = write(tmp_path, integrator, FLYING.format(root=root), f"<option {medium}/>")
-    assert Scene.from_mjcf(file).core.nbox == 4
-    assert_like_mujoco(file)
-    named = {f"fluid_{name}" for name in ("density", "viscosity") if name in medium}
-    assert {p.name for p in Scene.from_mjcf(file).parameters if p.name.startswith("fluid_")} == named
-    assert_exact(file, {"q", "v", "mass"} | named)
-    assert_exact(file, {"q", "v"} | named, count=5, integrator="midpoint")
-
-
-@pytest.mark.parametrize("integrator", INTEGRATORS)
-def test_drag_in_the_plane(integrator: str, tmp_path: Path) -> None:
-    """Planar while the boxes stand upright in the plane, spatial otherwise."""
-    for turn, planar in (("0 0 0", True), ("0 30 0", True), ("30 0 0", False)):
-        world = TWO_LINKS.format(body="", joint="", axis="0 1 0").replace("<body pos", f'<body euler="{turn}" pos')
-        world = f'<body>{world}<joint name="x" type="slide" axis="1 0 0"/><geom type="box" size=".1 .2 .3"/></body>'
-        file = write(tmp_path, integrator, world, '<option density="300" viscosity="2" wind="1 -2 .5"/>')
-        assert Scene.from_mjcf(file).planar == planar
-        assert_like_mujoco(file)
-        assert_exact(file, {"q", "v", "fluid_density", "fluid_viscosity"})
-    assert "drag" in {x.name for x in Scene.from_mjcf(file).differences}
-
-
-ELLIPSOID = 'fluidshape="ellipsoid" fluidcoef=".6 .3 1.2 .9 .8"'
-
-
-@pytest.mark.parametrize("integrator", [*INTEGRATORS, "implicit"])
-@pytest.mark.parametrize("root", ROOTS)
-def test_ellipsoids_in_a_fluid(integrator: str, root: str, tmp_path: Path) -> None:
-    """Drag and lift of every shape, two on one body and none on the other of it; the rest keeps its boxes."""
-    world = FLYING.format(root=root).replace(
-        'type="box" size=".1 .05 .03"', f'type="ellipsoid" {ELLIPSOID} size=".1 .05 .03"'
-    )
-    world = world.replace('type="capsule"', f'type="capsule" {ELLIPSOID}')
-    world = world.replace('<site name="t"', f'<geom type="cylinder" {ELLIPSOID} size=".03 .08"/><site name="t"')
-    file = write(tmp_path, integrator, world, '<option density="300" viscosity="2" wind="1 -2 .5"/>')
-    core = Scene.from_mjcf(file).core
-    assert (core.nbox, core.nellipsoid) == (1, 3)
-    assert_like_mujoco(file)
-    assert_exact(file, {"q", "v", "mass", "fluid_density", "fluid_viscosity"}, count=5)
-    assert_exact(file, {"q", "v", "fluid_density", "fluid_viscosity"}, count=5, integrator="midpoint")
-    assert "drags and lifts 3 ellipsoids" in describe(Scene.from_mjcf(file))
-
-
-def test_ellipsoids_at_rest_and_alone(tmp_path: Path) -> None:
-    """A body at rest in a fluid at rest has finite derivatives; what damps a free body is one-sided."""
-    world = f'<body><freejoint/><geom type="ellipsoid" size=".1 .05 .03" {ELLIPSOID}/></body>'
-    file = write(tmp_path, "implicitfast", world, '<option density="300" viscosity="2"/>')
-    assert_like_mujoco(file)
-    scene = Scene.from_mjcf(file)
-    zero = np.zeros((1, scene.nv))
-    result = ComplementarityModel(scene).predict(scene.q0[None], zero, np.zeros((1, 0)), jacobian=True)
-    assert np.isfinite(result.jacobian).all()
-    hinge = '<body><joint axis="0 1 0"/><geom size=".1" pos=".2 0 0" fluidshape="ellipsoid"/></body>'
-    for rest, planar in (('<option density="1"/>', False), ("", True)):  # lift leaves the plane
-        assert Scene.from_mjcf(write(tmp_path, "Euler", hinge, rest)).planar == planar
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS)
