@@ -256,3 +256,5 @@ def test_a_fluid_comes_back(tmp_path: Path) -> None:
     assert file.missing == ()
     moved = np.abs(rollout(nominal, 100) - rollout(true, 100)).max()
     assert np.abs(rollout(file.text, 100) - rollout(true, 100)).max() < 1e-4 * moved
+    longer = at(scene, fluid_density=1300.0, **{"inertia__body1:z": 1.5})  # and with it MuJoCo's box
+    assert fitted_file(scene, longer).missing == ("fluid_density",)

@@ -18,7 +18,7 @@ import numpy as np
 
 from cmbrl.fitting.search.space import Space
 from cmbrl.scene.core.core_arrays import CoreArrays
-from cmbrl.scene.forces.fluid_ellipsoids import ellipsoid_drags
+from cmbrl.scene.forces.fluid import drags
 from cmbrl.scene.laws import CONTACT_LAWS
 from cmbrl.scene.records import WORLD, JointKind, TieKind
 
@@ -138,16 +138,11 @@ def _limit_places(core: CoreArrays, members: list[int], owner: Mapping[int, list
 def _felt(core: CoreArrays, members: list[int]) -> list[int]:
     """Offsets into P of the density and the viscosity of the fluid, of what tells ``members``' masses by its drag."""
     mass = sum(float(core.P[core.layout.mass(b)]) for b in members)
-    felt = zip(_fluid_places(core), _drags(core, members), strict=True)
+    boxes, along = np.isin(core.box_body, members), slice(-core.layout.dimension, None)
+    ellipsoids = core.ellipsoid_coef[np.isin(core.ellipsoid_body, members)]
+    found = drags(core.box_linear[boxes, along], core.box_quadratic[boxes, along], ellipsoids)
+    felt = zip(_fluid_places(core), found, strict=True)
     return [place for place, drag in felt if core.P[place] * drag > _FELT * mass]
-
-
-def _drags(core: CoreArrays, bodies: list[int]) -> tuple[float, float]:
-    """The drag on moving ``bodies`` at 1 m/s, per density [N m^3/kg] and per viscosity [N/(Pa s)]; the largest way."""
-    boxes = np.isin(core.box_body, bodies)
-    linear, quadratic = (x[boxes, -core.layout.dimension :] for x in (core.box_linear, core.box_quadratic))
-    viscous, blunt = ellipsoid_drags(core.ellipsoid_coef[np.isin(core.ellipsoid_body, bodies)])
-    return float(quadratic.max(axis=1).sum() + blunt.sum()), float(linear.max(axis=1).sum() + viscous.sum())
 
 
 def _fluid_places(core: CoreArrays) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from cmbrl.scene.collision.candidate_table import CandidateTable
 from cmbrl.scene.fittable.collector import Collector, Moves
+from cmbrl.scene.fittable.fluid_parameters import offer_fluid
 from cmbrl.scene.fittable.inertia_shapes import offer_shapes
 from cmbrl.scene.fittable.joint_parameters import offer_actuator, offer_joints
 from cmbrl.scene.fittable.tendon_parameters import offer_tendons
@@ -82,16 +83,9 @@ def offer_parameters(
         out.add("plane_height", name_of(model, "geom", ground.geom), 0.0, -0.1, 0.1, "m", [layout.plane(k)])
     for k, actuator in enumerate(parts.actuators):
         offer_actuator(tree, actuator, layout, k, out)
-    _offer_fluid(layout, P, out)
+    offer_fluid(parts, layout, P, out)
     _offer_gravity(layout, letters, P, out)
     return out.moves(), shapes
-
-
-def _offer_fluid(layout: Layout, P: Array, out: Collector) -> None:
-    """Density and viscosity, where the file has them: all drag goes with one or the other."""
-    for place, group, unit in ((layout.fluid, "density", "kg/m^3"), (layout.fluid + 1, "viscosity", "Pa s")):
-        if (value := float(P[place])) > 0.0:
-            out.add(f"fluid_{group}", "", value, value / 5, 5 * value, unit, [place], reach=_LOAD)
 
 
 def _offer_gravity(layout: Layout, letters: tuple[str, ...], P: Array, out: Collector) -> None:

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.arrays import doubles, integers
-from cmbrl.scene.forces.fluid_ellipsoids import has_ellipsoids
+from cmbrl.scene.forces.fluid_ellipsoids import ellipsoid_drags, has_ellipsoids
 from cmbrl.scene.manifold import quaternion_matrix
 from cmbrl.scene.records import WORLD, Array, Tree
 from cmbrl.scene.reduction import PlaneOfMotion
@@ -61,6 +61,19 @@ def _box(model: mujoco.MjModel, tree: Tree, number: int) -> Box:
             ]
         ),
     )
+
+
+def drags(linear: Array, quadratic: Array, ellipsoids: Array) -> tuple[float, float]:
+    """The drag at 1 m/s, per density [N m^3/kg] and per viscosity [N/(Pa s)], each body the way that it is largest.
+
+    Of boxes, by coefficients ``linear`` and ``quadratic`` (nx, k) along their axes, and of ``ellipsoids`` (ny, 19).
+    """
+    viscous, blunt = ellipsoid_drags(ellipsoids.reshape(-1, 19))
+    boxes = (np.max(x, axis=-1, initial=0.0).sum() for x in (quadratic, linear))
+    by_density, by_viscosity = (
+        float(of_boxes + more.sum()) for of_boxes, more in zip(boxes, (blunt, viscous), strict=True)
+    )
+    return by_density, by_viscosity
 
 
 def oblique_box(tree: Tree, plane: PlaneOfMotion, boxes: list[Box]) -> str | None:

@@ -125,7 +125,16 @@ def _missing(scene: Scene, theta: Array, held: Scene) -> list[str]:
         moved = np.abs(wanted - _by_meaning(scene, scene.physical_vector(without), own))
         if not np.all((lost <= _MOVED * moved + digits) | (moved <= digits)):  # NaN: not there
             names.append(scene.parameters[k].name)
-    return names
+    return [*names, *_other_drag(scene, theta, held)]
+
+
+def _other_drag(scene: Scene, theta: Array, held: Scene) -> list[str]:
+    """Fitted parameters of the fluid, by name, if ``held`` has other boxes: MuJoCo's follow the fitted inertia."""
+    shapes = ("box_linear", "box_quadratic")
+    if all(np.allclose(getattr(held.core, of), getattr(scene.core, of), rtol=_MOVED, atol=0.0) for of in shapes):
+        return []
+    fitted = theta != scene.parameter_vector()
+    return [p.name for p, moved in zip(scene.parameters, fitted, strict=True) if moved and p.group.startswith("fluid_")]
 
 
 def _by_meaning(scene: Scene, P: Array, softness: Array) -> Array:
