@@ -39,6 +39,12 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
         ("elbow [N·m]", Target("elbow", "torque")),
         ("elbow target [%]", Target("elbow", "command", 0.05, -2.5)),
         ("elbow_pos_percent", Target("elbow", "position", 0.05, -2.5)),
+        ("elbow_pos_degree", Target("elbow", "position", np.pi / 180)),
+        ("elbow_turns", Target("elbow", "position", 2 * np.pi)),
+        ("elbow_pos_mdeg", Target("elbow", "position", np.pi / 180e3)),
+        ("elbow_vel_dps", Target("elbow", "velocity", np.pi / 180)),
+        ("elbow_vel_rps", None),  # turns or radians
+        ("elbow_torque_mA", None),
         ("elbow torque [A]", None),  # a motor's current
         ("elbow position [counts]", None),
         ("elbow_pos_ticks", None),

@@ -42,6 +42,13 @@ def test_a_single_hinge_whose_target_is_in_degrees_as_well(
         assert "'crank' and commanded_position of 'servo' go to and fro through 10.9 turns: degrees" in found[0].text
 
 
+def test_a_hinge_that_is_tied_to_a_slide_takes_many_turns(tmp_path: Path) -> None:
+    tie = '</actuator><equality><joint joint1="axis" joint2="crank" polycoef="0 .003 0 0 0"/></equality><actuator>'
+    scene = scene_of(tmp_path, "quill", CRANK.format(limits="") + AXIS, tie + SERVO.format(joint="crank"))
+    log = log_of("crank", 30.0)
+    assert not list(unlimited.unlimited(motion.of_positions(log, scene)))
+
+
 @pytest.mark.parametrize(("size", "rate", "sure"), [(300.0, 0.3, True), (300.0, 0.03, False), (0.3, 0.3, None)])
 def test_an_axis_whose_target_is_in_millimetres_as_well(
     size: float, rate: float, sure: bool | None, tmp_path: Path

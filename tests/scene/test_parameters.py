@@ -192,6 +192,17 @@ def test_cables_of_a_floating_body_rub_and_damp_where_the_file_says_zero(load: L
         ]  # fmt: skip
 
 
+def test_every_parameter_is_bounded_where_motors_are_not(load: Load) -> None:
+    """The inertia of what a tendon pulls says then what may damp it."""
+    body = '<body><joint name="j"/><inertial pos="0 0 0" mass="1" diaginertia=".5 .5 .5"/></body>'
+    pulls = '<fixed name="t"><joint joint="j" coef=".1"/></fixed>'
+    motor = '<actuator><motor tendon="t"/></actuator>'
+    offered = {p.name: p for p in load(body, f"<tendon>{pulls}</tendon>{motor}")[0].parameters}
+    assert offered["tendon_damping.t"].high == pytest.approx(5 * 0.5 / 0.1**2)
+    assert offered["tendon_frictionloss.t"].high == pytest.approx(30 * 0.5 / 0.1**2)
+    assert all(np.isfinite([p.low, p.high]).all() for p in offered.values() if p.default)
+
+
 @pytest.mark.parametrize(
     ("joint", "actuator", "strength"),
     [

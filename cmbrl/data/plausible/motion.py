@@ -13,6 +13,7 @@ from cmbrl.data.drive import law_of
 from cmbrl.data.fields import Fields
 from cmbrl.data.splitting import follows
 from cmbrl.data.stretches import between
+from cmbrl.data.ties import laws
 from cmbrl.data.turns import TURN, whole, within_a_turn
 from cmbrl.scene import kinematics
 from cmbrl.scene.fittable.play import plays
@@ -37,6 +38,7 @@ class Coordinate:
     low: float  #: limits of the file [rad, m]; infinite where there are none
     high: float
     above: tuple[int, ...] = ()  #: places in ``Motion.coordinates`` of the joints that carry it
+    spindle: bool = False  #: a hinge that the file ties to a slide, which may take many turns
 
 
 @dataclass(frozen=True)
@@ -204,6 +206,7 @@ def _coordinates(scene: Scene, dofs: list[int]) -> tuple[Coordinate, ...]:
     core, known = scene.core, {joint.vadr: joint for joint in scene.joints}
     limits = {int(line): (low, high) for line, low, high in zip(core.lim_line, core.lim_lo, core.lim_hi, strict=True)}
     place = {dof: k for k, dof in enumerate(dofs)}
+    spindles = {one for one, leader, _ in laws(scene) if known[one].kind != known[leader].kind == JointKind.SLIDE}
 
     def above(dof: int) -> tuple[int, ...]:
         carriers = kinematics.joints_above(core, int(core.body_parent[known[dof].body]))
@@ -212,7 +215,7 @@ def _coordinates(scene: Scene, dofs: list[int]) -> tuple[Coordinate, ...]:
     return tuple(
         Coordinate(
             scene.coordinate_names[dof], known[dof].kind == JointKind.HINGE, dof,
-            *limits.get(dof, (-np.inf, np.inf)), above(dof),
+            *limits.get(dof, (-np.inf, np.inf)), above(dof), dof in spindles,
         )
         for dof in dofs
     )  # fmt: skip

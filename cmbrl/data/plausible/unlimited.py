@@ -1,7 +1,7 @@
 """Units of joints without limits, in which their targets are as well: nothing in such a log contradicts itself.
 
-A joint under a servo goes to and fro. In degrees it does so through many turns, and a slide in millimetres is faster
-than anything that a motor pushes.
+A joint under a servo goes to and fro. In degrees it does so through many turns, as only a spindle should, and a slide
+in millimetres is faster than anything that a motor pushes.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ def unlimited(motion: Motion) -> Iterator[Finding]:
     """Slides that accelerate as nothing does, and a warning of joints that go to and fro very far."""
     for m, driver in enumerate(motion.drivers):
         k, coordinate = driver.coordinate, motion.coordinates[driver.coordinate]
-        if not driver.position or np.isfinite([coordinate.low, coordinate.high]).any() or motion.wraps[k]:
+        limited = np.isfinite([coordinate.low, coordinate.high]).any()
+        if not driver.position or limited or motion.wraps[k] or coordinate.spindle:
             continue
         both = f"{motion.position_of(k)} and {motion.command_of(m)}"
         usual = 0.0 if coordinate.hinge else acceleration(motion.now[:, k : k + 1], motion.blocks, motion.dt)

@@ -24,7 +24,7 @@ _UNITS = {  # for slides, for hinges and balls
 # motors to 2 rad/s (or m/s). Armature: that inertia, or what holds the motors to 100 rad/s^2 (or m/s^2), since a rotor
 # behind a gear may outweigh its link. Friction loss: what brakes the inertia by 30 rad/s^2, three times what holds all
 # that hangs on the joint in any pose, or a quarter of the motors' strength.
-_INERTIAS = {"damping": 5.0, "armature": 1.0, "frictionloss": 30.0}
+INERTIAS = {"damping": 5.0, "armature": 1.0, "frictionloss": 30.0}
 STRENGTHS = {"damping": 0.5, "armature": 0.01, "frictionloss": 0.25}
 _WEIGHTS = 3.0
 _TIMES = 20.0  # and its inverse, of what is not 0 in the file
@@ -120,7 +120,7 @@ def _offer_friction_laws(joints: Sequence[Joint], losses: Array, layout: Layout,
 def _bounds(model: mujoco.MjModel, tree: Tree, actuators: Sequence[Actuator]) -> dict[str, Array]:
     """Largest values (nv,) by field of what is 0 in the file; no friction loss where the file switches it off."""
     inertia, strengths = np.asarray(model.dof_M0, dtype=float), _strengths(model, tree, actuators)
-    found = {field: np.maximum(share * inertia, STRENGTHS[field] * strengths) for field, share in _INERTIAS.items()}
+    found = {field: np.maximum(share * inertia, STRENGTHS[field] * strengths) for field, share in INERTIAS.items()}
     found["frictionloss"] = np.maximum(found["frictionloss"], _weights(model, tree)) * friction_acts(model)
     return found
 

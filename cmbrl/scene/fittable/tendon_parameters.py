@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from cmbrl.scene.fittable.collector import Collector
-from cmbrl.scene.fittable.joint_parameters import GAP, STOPS, STRENGTHS, floating, strength
+from cmbrl.scene.fittable.joint_parameters import GAP, INERTIAS, STOPS, STRENGTHS, floating, strength
 from cmbrl.scene.forces.actuators import Actuator
 from cmbrl.scene.forces.tendons import is_fixed
 from cmbrl.scene.layout import Layout
@@ -32,6 +32,7 @@ def offer_tendons(
 
     Joints that a tendon pulls have damping and friction of their own, which do the same at one lever arm. So what the
     file lacks is on request there; of a floating body, such as the platform of a cable robot, only its cables have any.
+    Its bound is what holds the motors, as of joints, or that of the inertia at qpos0 where no motor's force is limited.
     """
     for k, tendon in enumerate(tendons):
         strengths = sum(strength(actuator) for actuator in actuators if actuator.line == model.nv + k)
@@ -42,6 +43,8 @@ def offer_tendons(
                 out.scale(f"tendon_{field}", tendon.name, 1 / _TIMES, _TIMES, P, [place])
             elif field in _UNITS and strengths > 0 and (field == "damping" or friction_acts(model)):
                 unit, most = _UNITS[field][int(is_fixed(model, tendon.source))], STRENGTHS[field] * strengths
+                if not np.isfinite(most):
+                    most = INERTIAS[field] / max(float(model.tendon_invweight0[tendon.source]), mujoco.mjMINVAL)
                 out.add(f"tendon_{field}", tendon.name, 0.0, 0.0, most, unit, [place], default=held)
     _offer_stops(model, tendons, layout, out)
 

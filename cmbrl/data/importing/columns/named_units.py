@@ -13,17 +13,24 @@ PERCENT = "percent"
 _BRACKETS = re.compile(r"(?P<stem>.*?)[ _]*[\[(]\s*(?P<unit>[^\[\]()]+?)\s*[\])]\s*")
 _SPELLED = {
     "°": "deg", "degree": "deg", "degrees": "deg", "radian": "rad", "radians": "rad", "turns": "rev",
-    "turn": "rev", "metre": "m", "meter": "m", "metres": "m", "meters": "m", "sec": "s", "secs": "s", "seconds": "s",
+    "turn": "rev", "revs": "rev", "revolutions": "rev", "dps": "deg/s", "radps": "rad/s", "mps": "m/s", "micron": "um",
+    "microns": "um", "metre": "m", "meter": "m", "metres": "m", "meters": "m", "sec": "s", "secs": "s", "seconds": "s",
     "second": "s", "msec": "ms", "usec": "us", "nsec": "ns", "%": PERCENT, "pct": PERCENT, "1/min": "rpm",
     "u/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "newton": "n",
 }  # fmt: skip
 _BY_TEXT = {unit.replace(" ", "").lower(): unit for known in UNITS.values() for unit in known} | {PERCENT: PERCENT}
 _COUNTED = {"count", "counts", "tick", "ticks", "lsb"}
-_ELSE = _COUNTED | {
-    "inc", "incs", "increments", "digits", "adc", "a", "ma", "amp", "amps", "ampere", "v", "mv", "volt", "w", "hz",
-    "°c", "degc", "k", "g", "kg", "-",
+_NO_UNIT = _COUNTED | {  # words of something else; of "rps" nobody knows whether it counts turns
+    "ma", "amp", "amps", "ampere", "amperes", "mv", "volt", "volts", "rps", "inch", "inches", "feet",
 }  # fmt: skip
-_WORDS = {"deg", "degrees", "rad", "mrad", "rpm", "mm", "cm", "mnm", "percent", "pct"}
+_ELSE = _NO_UNIT | {
+    "inc", "incs", "increments", "digits", "adc", "a", "v", "w", "hz", "°c", "degc", "k", "g", "kg", "-",
+}  # fmt: skip
+_WORDS = {  # without "rev" and "turn", which name joints, too
+    "deg", "degree", "degrees", "mdeg", "rad", "radian", "radians", "mrad", "revs", "revolutions", "turns", "rpm",
+    "dps", "radps", "mm", "cm", "um", "micron", "microns", "metre", "metres", "meter", "meters", "mps", "mnm",
+    "percent", "pct",
+}  # fmt: skip
 WORDS = _WORDS | _COUNTED  #: units of names without brackets
 _TELL = {"angular speed": "velocity", "speed": "velocity", "torque": "torque", "force": "torque"}
 
@@ -55,7 +62,7 @@ def split(name: str) -> tuple[str, str | None]:
 
 def of_words(words: Collection[str]) -> str | None:
     """The unit among the ``words`` of a name; "" for one of something else, None where there is none."""
-    found = [word for word in words if word in WORDS]
+    found = [word for word in words if word in _WORDS | _NO_UNIT]
     return (normal(found[0]) or "") if found else None
 
 
