@@ -103,7 +103,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--time-limit",
         type=positive_number,
         metavar="S",
-        help="take about S seconds: less work in every part of a fit that would take longer (default: 250 s of a core)",
+        help="take about S seconds by the clock: less work in every part of a fit that would take longer (default: "
+        "250 s of the processor's time, which last longer by the clock on a machine that does more)",
     )
     parser.add_argument(
         "--no-play",

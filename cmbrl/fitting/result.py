@@ -70,7 +70,7 @@ class FitResult:
             "reduce": scene.reduce,
             "drives": [asdict(drive) for drive in scene.drives],
         }
-        parameters = {name: asdict(p) for name, p in self.parameters.items()}
+        parameters = {name: p.to_dict() for name, p in self.parameters.items()}
         mjcf, told = self._mjcf()
         report = {**self.report, "mjcf": told}
         text = report_text.render(self.parameters, report) + "\n"
@@ -112,7 +112,7 @@ class FitResult:
         if saved.get("format") != _FORMAT:
             raise UserError(f"{place / RESULT}: not a fit of this version; {_REMEDY}")
         try:
-            parameters = {name: FittedParameter(**fields) for name, fields in saved["parameters"].items()}
+            parameters = {name: FittedParameter.from_dict(fields) for name, fields in saved["parameters"].items()}
             report = saved["report"]
         except (AttributeError, KeyError, TypeError):
             raise UserError(f"{place / RESULT}: damaged; {_REMEDY}") from None

@@ -31,7 +31,10 @@ def test_fits_what_differs_and_nothing_else(whole_fit):
         assert parameter.low <= truth <= parameter.high
         assert parameter.status == "fitted"
     assert {name.split(".")[0] for name in result.report["fitted"]} == {"gear", "tilt"}
-    assert result.parameters["mass.0"].status == "nominal"
+    kept = result.parameters["mass.0"]
+    assert kept.status == "nominal"
+    assert kept.to_dict() == {**kept.to_dict(), "low": None, "high": None}  # not known to be what it was left at
+    assert np.isnan(FittedParameter.from_dict(kept.to_dict()).low)
     assert result.report["unseen"] == ["bumper"]
     loss = result.report["loss"]
     assert loss["held out, fitted"]["rmse"] < 0.2 * loss["held out, nominal"]["rmse"]

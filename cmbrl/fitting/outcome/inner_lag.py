@@ -66,11 +66,11 @@ def _growth(scene: Scene, found: Mapping[str, FittedParameter]) -> dict[str, tup
         joint, stiff, kd = scene.coordinate_names[line], found[f"kp.{servo}"], found.get(f"kd.{servo}")
         geared = float(scene.core.P[scene.layout.actuator(k)]) ** 2
         if kd is not None and kd.status != NOMINAL:
-            growth[f"kd.{servo}"] = stiff.value, stiff.high
+            growth[f"kd.{servo}"] = stiff.value, stiff.most
         else:
-            growth[f"damping.{joint}"] = geared * stiff.value, geared * stiff.high
+            growth[f"damping.{joint}"] = geared * stiff.value, geared * stiff.most
         if kd is not None:
-            growth[f"armature.{joint}"] = geared * kd.value, geared * kd.high
+            growth[f"armature.{joint}"] = geared * kd.value, geared * kd.most
     return {name: by for name, by in growth.items() if name in found and found[name].status != NOMINAL}
 
 

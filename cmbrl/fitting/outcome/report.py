@@ -140,7 +140,8 @@ def _beyond(model: ComplementarityModel, found: dict[str, FittedParameter]) -> l
 def _parameters(
     space: Space, value: np.ndarray, known: Identification, status: Sequence[str]
 ) -> dict[str, FittedParameter]:
-    rows = zip(space.names, value, known.low, known.high, space.nominal, status, space.units, strict=True)
+    ends = (np.where(np.array(status) == NOMINAL, np.nan, end) for end in (known.low, known.high))
+    rows = zip(space.names, value, *ends, space.nominal, status, space.units, strict=True)
     return {
         name: FittedParameter(float(x), float(low), float(high), float(nominal), how, unit)
         for name, x, low, high, nominal, how, unit in rows

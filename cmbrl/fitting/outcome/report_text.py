@@ -93,8 +93,9 @@ def _errors(report: Mapping[str, Any]) -> Iterator[str]:
     yield from _logs(report.get("logs", ()))
     if pace := report.get("pace"):
         parts = ", ".join(f"{part} {share:.2g}" for part, share in pace["shares"].items())
-        told = f"for the limit of {pace['limit']:g} s, parts did less than usual (share of the work): {parts}"
-        told += "" if pace.get("asked", True) else "; give more by --time-limit"
+        asked = pace.get("asked", True)
+        of, more = ("", "") if asked else (" of the processor's time", "; give more by --time-limit, in s by the clock")
+        told = f"for the limit of {pace['limit']:g} s{of}, parts did less than usual (share of the work): {parts}{more}"
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")
     if told := unchecked_told(report.get("unchecked", ())):
         yield from textwrap.wrap(told, WIDTH, subsequent_indent="  ")

@@ -10,13 +10,17 @@ base,
 How far feet give in by their softness in the file is no such difference: offsets count beyond that (``giving``).
 
 R, p and the rise of the capture's floor are those at which heights and moves of standing points are least: damped
-Gauss-Newton from four headings, each point weighed by its height over the lowest and by how far it slips. Parts of the
-motion tell values of their own: their spread says how sure the common ones are.
+Gauss-Newton from four headings, each point weighed by its height over the lowest and by how far it slips. Once the
+turn is about right, edges and pads some millimetres over the sole no longer pass for what stands.
+
+Parts of the motion tell values of their own: their spread says how sure the common ones are. What all parts share does
+not show in it: feet that give in, or roll. Heights and moves suffer otherwise from that, so errors also have how far
+values go where either counts for little.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -27,7 +31,9 @@ PARTS = 4
 _ROWS, _FEW = 600, 120  # pairs of rows that are compared, and for headings
 _STRIDE = 0.04  # [s] between the rows of a pair
 _HEIGHT, _SPEED = 0.005, 0.03  # [m], [m/s]: of what stands, so much is usual
-_STANDS = 0.02  # [m] over the lowest point: more than a tilt of some degrees makes of a foot that stands
+# [m] over the lowest point, of what stands: more than a tilt of some degrees makes of a foot; once that is known
+_STANDS, _STANDS_TURNED = 0.02, 0.004
+_LITTLE = 0.1  # of what heights, or moves, count otherwise
 _HEADINGS = 4
 _ITERATIONS, _FIRST, _STEP = 25, 10, 1e-6
 _PLACE, _TURN = 0.02, np.deg2rad(0.5)  #: [m], [rad] less than which is left to a fit
@@ -74,7 +80,8 @@ class Markers:
     def __str__(self) -> str:
         place = " ".join(f"{x:.3f}" for x in self.place)
         turn = " ".join(f"{x:.2f}" for x in np.rad2deg(self.turn))
-        off, turned, level = (float(part.max()) for part in np.split(self.errors, [3, 6]))
+        sizes = np.array([part.max() for part in np.split(self.errors, [3, 6])])
+        off, turned, level = np.hypot(sizes, self.soft)
         return (
             f"{place} m (+- {off:.2g}), turned by {turn} degrees (+- {np.rad2deg(turned):.2g}), over a floor "
             f"{self.rise.sum():.3f} m (+- {level:.2g}) higher than the file's"
@@ -89,10 +96,13 @@ def markers(poses: np.ndarray, touching: Touching, dt: float) -> Markers:
     rows, lasting = rows_of_pairs(len(poses), dt)
     pairs = Pairs.of(poses, touching, rows, lasting)
     best = pairs.best()
+    pairs = replace(pairs, stands=_STANDS_TURNED)
+    best = pairs.fitted(best, first=0)
     same = np.array([1.0, 0.0, 0.0, 0.0])
     best[3:6] = rotation_between(same, rotate_by(same, best[3:6]))
     parts = [pairs.some(rows).fitted(best) for rows in np.array_split(np.arange(len(rows)), PARTS)]
-    errors = np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS)
+    spread = np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS)
+    errors = np.sqrt(spread**2 + np.square(pairs.otherwise(best)).sum(axis=0))
     share = pairs.misfit(best) / max(pairs.misfit(np.zeros(7)), 1e-12)
     apart = float(np.sqrt(np.square(touching.centre - touching.centre.mean(axis=1, keepdims=True)).sum(axis=2).mean()))
     soft = touching.gives * np.array([1.0, _UNEVEN / max(apart, 1e-3), 1.0])
@@ -111,6 +121,7 @@ class Pairs:
     """Pairs of rows that are ``lasting`` [s] apart, with what :class:`Touching` tells of them in the axes of the base.
 
     ``poses`` (P, 2, 7) of the markers, ``centre`` (P, 2, k, 3), ``rotation`` (P, 2, k, 3, 3), ``radius`` (k,).
+    ``stands`` [m]: so far over the lowest one, a point hardly stands.
     """
 
     poses: np.ndarray
@@ -120,6 +131,7 @@ class Pairs:
     up: np.ndarray
     level: float
     lasting: float
+    stands: float = _STANDS
 
     @classmethod
     def of(cls, poses: np.ndarray, touching: Touching, rows: np.ndarray, lasting: float) -> Pairs:
@@ -129,8 +141,7 @@ class Pairs:
 
     def some(self, rows: np.ndarray) -> Pairs:
         """Those pairs."""
-        more = (self.radius, self.up, self.level, self.lasting)
-        return Pairs(self.poses[rows], self.centre[rows], self.rotation[rows], *more)
+        return replace(self, poses=self.poses[rows], centre=self.centre[rows], rotation=self.rotation[rows])
 
     def residuals(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Heights and moves (P, k, 4) in units of what is usual, and weights (P, k) of points that stand."""
@@ -147,7 +158,7 @@ class Pairs:
         middle = own.mean(axis=1)
         moved = centre[:, 1] - centre[:, 0] + np.einsum("pkij,pkj->pki", rotation[:, 1] - rotation[:, 0], middle)
         above = (height - height.min(axis=2, keepdims=True)).max(axis=1)
-        standing = np.exp(-((above / _STANDS) ** 2))
+        standing = np.exp(-((above / self.stands) ** 2))
         found = np.concatenate([height.mean(axis=1)[..., None] / _HEIGHT, moved / self.lasting / _SPEED], axis=-1)
         slips = np.linalg.norm(found[..., 1:], axis=-1)
         return found, standing / (1.0 + (slips / max(1.0, float(np.median(slips)))) ** 2) ** 2
@@ -175,15 +186,23 @@ class Pairs:
         """The place, turn and rise (7,) of least misfit near ``x``, with shorter steps in the ``first`` iterations."""
         x = x.copy()
         for k in range(iterations):
-            found, weight = self.residuals(x)
-            root = np.sqrt(weight)[..., None]
-            slope = np.stack(
-                [((self.residuals(x + _STEP * e)[0] - found) * root).ravel() / _STEP for e in np.eye(7)], axis=1
-            )
-            step = np.linalg.lstsq(slope, -(found * root).ravel(), rcond=1e-9)[0]
+            step = self._step(x, np.ones(4))
             most = np.array([0.1, 0.1, 0.1, 0.3, 0.3, 0.3, 0.1])
             step /= max(1.0, float((np.abs(step) / most).max()))
             x = x + (0.5 if k < first else 1.0) * step
             if np.abs(step).max() < 1e-7:
                 break
         return x
+
+    def otherwise(self, x: np.ndarray) -> np.ndarray:
+        """How far ``x`` (7,) would go where heights, and where moves, count for little (2, 7)."""
+        heights = np.array([True, False, False, False])
+        return np.stack([self._step(x, np.where(kind, _LITTLE, 1.0)) for kind in (heights, ~heights)])
+
+    def _step(self, x: np.ndarray, counts: np.ndarray) -> np.ndarray:
+        """The Gauss-Newton step (7,) from ``x``; ``counts`` (4,): how much heights and moves along axes do."""
+        found, weight = self.residuals(x)
+        root = np.sqrt(weight)[..., None] * counts
+        slopes = [((self.residuals(x + _STEP * e)[0] - found) * root).ravel() / _STEP for e in np.eye(7)]
+        step: np.ndarray = np.linalg.lstsq(np.stack(slopes, axis=1), -(found * root).ravel(), rcond=1e-9)[0]
+        return step
