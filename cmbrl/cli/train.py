@@ -209,8 +209,7 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
     from cmbrl.train.running.texts import commands_text, pinned_text, progress_text
 
     print(f"{out}: {outcome.iteration} iterations: {progress_text(outcome.last)}")
-    conditions = trainer.conditions()
-    if conditions:
+    if conditions := trainer.conditions():
         print(f"{out}: {commands_text(conditions)}")
     for update, to in trainer.returns_to:
         print(f"{out}: returns had fallen after {update} updates, so it went back to what it had learned after {to}")
@@ -224,7 +223,7 @@ def _tell(out: Path, trainer: Trainer, outcome: Outcome, fitted: bool, loop: boo
         print(f"{out / place}: {remark}")
     if trainer.gradients:
         print(f"{out}: {trainer.gradients}")
-    if pinned := pinned_text(outcome.last, conditions.get("last_actions", 0)):
+    if pinned := pinned_text(outcome.last):
         print(f"{out}: {pinned}")
     if outcome.failed_trials:
         print(f"{out}: {foretold(outcome.failed_trials, fitted, loop)}")

@@ -33,14 +33,17 @@ def actions_in_flight(late: float, dt: float) -> int:
     return min(MOST, max(0, math.ceil(late / dt - SLIGHT)))
 
 
+def held(mdp: MDP, model: object) -> int:
+    """How many past actions of ``mdp`` the wiring of ``model`` holds."""
+    wiring = wiring_of(model)
+    return 0 if wiring is None else actions_in_flight(wiring.late, mdp.dt)
+
+
 def observed(mdp: MDP, model: object, count: int | None = None) -> MDP:
     """A task's ``mdp`` for policies on ``model``: with ``count`` last actions, or as many as its wiring holds."""
     if mdp.last_actions:
         return mdp
-    wiring = wiring_of(model)
-    if count is None:
-        count = 0 if wiring is None else actions_in_flight(wiring.late, mdp.dt)
-    return with_last_actions(mdp, count)
+    return with_last_actions(mdp, held(mdp, model) if count is None else count)
 
 
 def commands(mdp: MDP, model: object) -> dict[str, Any]:

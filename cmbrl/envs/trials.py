@@ -101,12 +101,22 @@ def failed(found: Mapping[str, Evaluation], idle: Evaluation | None = None) -> d
 
     An episode fails that the task ends, or that earns less than half of what is usual under the draws alone; of rewards
     that are costs, less than half of what is usual beyond what no action earns (``idle``): a goal that is twice as far
-    costs twice as much on the way.
+    costs twice as much on the way. But none fails for a poor start: one that earns half of what is usual beyond no
+    action from the same start. ``idle`` tells that where it has as many episodes.
     """
-    usual = float(np.median(found["draws"].returns))
+    draws = found["draws"].returns
+    usual = float(np.median(draws))
     gained = 0.0 if idle is None else usual - float(idle.returns.mean())
     least = usual - 0.5 * max(abs(usual), gained)
-    return {name: float(np.mean(e.terminated | (e.returns < least))) for name, e in found.items()}
+
+    def fails(e: Evaluation) -> np.ndarray:
+        short: np.ndarray = e.returns < least
+        if idle is not None and len(idle.returns) == len(draws) == len(e.returns):
+            half = 0.5 * float(np.median(draws - idle.returns))
+            short = short & ((half <= 0.0) | (e.returns - idle.returns < half))
+        return e.terminated | short
+
+    return {name: float(fails(e).mean()) for name, e in found.items()}
 
 
 def will_fail(shares: Mapping[str, float]) -> bool:

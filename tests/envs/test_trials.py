@@ -174,6 +174,10 @@ def test_an_episode_that_earns_half_has_failed() -> None:
     assert failed(far, found(-80.0, -60.0))["draws"] == 0.0
     assert failed({"draws": found(-8.0, -9.0, -60.0)}, found(-80.0, -60.0))["draws"] == pytest.approx(1 / 3)
     assert failed({"draws": found(10.0, 12.0, 8.0, 4.0)}, found(2.0, 1.0))["draws"] == 0.25
+    far_goals = {"draws": found(-10.0, -9.0, -45.0, -40.0), "late": found(-9.0, -9.0, -45.0, -70.0)}
+    assert failed(far_goals, found(-50.0, -45.0, -90.0, -60.0)) == {"draws": 0.0, "late": 0.25}  # of 38
+    assert failed(far_goals, found(-40.0, -30.0))["draws"] == 0.5, "starts are not known to be the same"
+    assert failed({"draws": found(4.0, 4.0, 0.0, 0.0)}, found(5.0, 5.0, 0.0, 0.0))["draws"] == 0.5
 
 
 def test_of_a_fit_an_extra_step_of_lateness_is_a_margin_and_no_alarm() -> None:

@@ -47,10 +47,33 @@ def test_policies_observe_the_actions_that_are_on_their_way(asked: int | None, c
     trainer = SHAC(slider.mdp(), late_slider(tmp_path), config)
     trainer.update()
     assert trainer.policy.architecture.observations == 2 + count
+    assert trainer.horizon == 8, "as it was given"
     assert trainer.conditions() == {"delay": 0.1, "lag": 0.0, "last_actions": count}
     prompt = SHAC(slider.mdp(), ComplementarityModel(slider.scene(tmp_path)), SHACConfig(**SMALL))  # type: ignore[arg-type]
     assert prompt.conditions() == {}
     assert prompt.policy.architecture.observations == 2
+
+
+def test_windows_end_when_their_actions_have_acted(tmp_path: Path) -> None:
+    """Of every action of the first window's worth, the first motion that it makes is inside."""
+    config = SHACConfig(iterations=2, **{**SMALL, "horizon": None, "window": 8 * slider.DT})  # type: ignore[arg-type]
+    late, prompt = late_slider(tmp_path), ComplementarityModel(slider.scene(tmp_path))
+    assert [SHAC(slider.mdp(), model, config).horizon for model in (prompt, late)] == [8, 10]
+    unseen = replace(config, last_actions=0)
+    assert SHAC(slider.mdp(), late, unseen).horizon == 10, "whatever the policy observes"
+
+
+def test_values_depend_on_past_actions_without_a_slope(tmp_path: Path) -> None:
+    """They follow from states, so that regression has the slope of both for that of actions."""
+    trainer = SHAC(slider.mdp(), late_slider(tmp_path), SHACConfig(iterations=2, **SMALL))  # type: ignore[arg-type]
+    trainer.update()
+    seen = trainer.simulation.observe().detach().float().requires_grad_()
+    value = trainer.critic.value(seen)
+    (slope,) = torch.autograd.grad(value.sum(), seen)
+    assert (slope[:, :2] != 0).all()
+    assert (slope[:, 2:] == 0).all()
+    other = torch.cat([seen[:, :2], seen[:, 2:] + 0.5], dim=1)
+    assert (trainer.critic.value(other) != value).any()
 
 
 def test_a_run_says_so_and_its_policy_comes_back(tmp_path: Path) -> None:

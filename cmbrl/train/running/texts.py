@@ -52,26 +52,20 @@ def progress_text(row: Mapping[str, float]) -> str:
     return ", ".join([*parts, f"{row['seconds']:.0f} s"])
 
 
-def pinned_text(row: Mapping[str, float], last_actions: int = 0) -> str:
+def pinned_text(row: Mapping[str, float]) -> str:
     """What the last row says of actions at their limits; empty where they are few, or were not counted.
-
-    ``last_actions``: how many of its own actions the policy observes. A critic that sees them may take what goes along
-    with a limit for what follows from it.
 
     >>> pinned_text({"at_limits": 0.97})[:72]
     '97 % of its actions are at their limits, from where it learns little: if'
-    >>> pinned_text({"at_limits": 0.7}, last_actions=4)[-35:]
-    '_slope=0.2, or --set last_actions=0'
     >>> pinned_text({"at_limits": 0.3})
     ''
     """
     share = row.get("at_limits", 0.0)
     if share < PINNED:
         return ""
-    unseen = ", or --set last_actions=0" if last_actions else ""
     return (
         f"{100 * share:.0f} % of its actions are at their limits, from where it learns little: if it earns too little, "
-        f"train longer (--iterations) or try --set least_slope=0.2{unseen}"
+        f"train longer (--iterations) or try --set least_slope=0.2"
     )
 
 

@@ -45,6 +45,11 @@ class Critic:
     deviation (:class:`cmbrl.train.windows.value_units.ValueUnits`). So a reward may have any size, and the nets resolve
     what tells states apart rather than what all have in common.
 
+    Of the last actions that late robots are observed with, values have no derivative. A policy's actions follow from
+    its states, so that regression cannot tell what an action does from what goes along with it. On a late cart-pole
+    (35 ms, steps of 10 ms, 140 updates) a window's gradient that took this slope had a cosine of -.06 with that of the
+    episode going on for 2 s, without it .77; an end without a value has .03.
+
     Args:
         policy: whose returns are estimated.
         config: see there.
@@ -56,6 +61,7 @@ class Critic:
         self.config, self.discount, self.generator = config, discount, generator
         self.units = ValueUnits()
         self.normaliser = policy.normaliser
+        self.past = policy.architecture.last_actions * policy.architecture.actions  # columns, at the end
         widths = policy.architecture.observations, config.critic_hidden, 1
         self.net, self.target = (cast("Net", network(*widths)) for _ in range(2))
         self.target.load_state_dict(self.net.state_dict())
@@ -63,7 +69,10 @@ class Critic:
         self.optimiser = torch.optim.Adam(self.net.parameters(), config.critic_rate, betas=BETAS, fused=True)
 
     def value(self, observations: Tensor) -> Tensor:
-        """(B,) of observations (B, n_o), float32, by the slow target; differentiable in the observations."""
+        """(B,) of observations (B, n_o), float32, by the slow target; differentiable in them but for last actions."""
+        if self.past:
+            own = observations.shape[1] - self.past
+            observations = torch.cat([observations[:, :own], observations[:, own:].detach()], dim=1)
         return self.units.value(self.target(self.normaliser(observations))[:, 0])
 
     def fit(self, steps: Sequence[Step]) -> float:

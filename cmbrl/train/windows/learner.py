@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import torch
 
 from cmbrl.envs.disturbance import Disturbance, parameter_sets
-from cmbrl.envs.history import commands
+from cmbrl.envs.history import commands, held
 from cmbrl.envs.simulation import Simulation
 from cmbrl.gradients.kinds import steps_taken
 from cmbrl.mdp import MDP
@@ -74,7 +74,7 @@ class WindowLearner(JudgedTrainer):
     ) -> None:
         self.mdp, self.model, self.config, self.rate = config.episode(mdp), model, config, rate
         self.whole = mdp
-        self.horizon, self.generator = config.steps(self.mdp), generator
+        self.horizon, self.generator = config.steps(self.mdp, held(self.mdp, model)), generator
         self.moving = under_both_laws(model, config.other_law, config.other)
         table = parameter_sets(model, config.parameter_spread, seed=seed, factors=config.vary)
         disturbance = Disturbance(config.noise_linear, config.noise_angular, table)
