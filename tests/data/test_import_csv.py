@@ -42,6 +42,9 @@ def arm(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
         ("elbow_pos_degree", Target("elbow", "position", np.pi / 180)),
         ("elbow_turns", Target("elbow", "position", 2 * np.pi)),
         ("elbow_pos_mdeg", Target("elbow", "position", np.pi / 180e3)),
+        ("elbow_pos_cdeg", Target("elbow", "position", np.pi / 18e3)),
+        ("elbow torque [N cm]", Target("elbow", "torque", 1e-2)),
+        ("elbow position [in]", None),  # a hinge
         ("elbow_vel_dps", Target("elbow", "velocity", np.pi / 180)),
         ("elbow_vel_rps", None),  # turns or radians
         ("elbow_torque_mA", None),

@@ -17,19 +17,20 @@ _SPELLED = {
     "microns": "um", "metre": "m", "meter": "m", "metres": "m", "meters": "m", "sec": "s", "secs": "s", "seconds": "s",
     "second": "s", "msec": "ms", "usec": "us", "nsec": "ns", "%": PERCENT, "pct": PERCENT, "1/min": "rpm",
     "u/min": "rpm", "r/min": "rpm", "rev/min": "rpm", "newton": "n",
+    "inch": "in", "inches": "in", "centideg": "cdeg", "centidegrees": "cdeg",
 }  # fmt: skip
 _BY_TEXT = {unit.replace(" ", "").lower(): unit for known in UNITS.values() for unit in known} | {PERCENT: PERCENT}
 _COUNTED = {"count", "counts", "tick", "ticks", "lsb"}
 _NO_UNIT = _COUNTED | {  # words of something else; of "rps" nobody knows whether it counts turns
-    "ma", "amp", "amps", "ampere", "amperes", "mv", "volt", "volts", "rps", "inch", "inches", "feet",
+    "ma", "amp", "amps", "ampere", "amperes", "mv", "volt", "volts", "rps", "feet",
 }  # fmt: skip
 _ELSE = _NO_UNIT | {
     "inc", "incs", "increments", "digits", "adc", "a", "v", "w", "hz", "°c", "degc", "k", "g", "kg", "-",
 }  # fmt: skip
 _WORDS = {  # without "rev" and "turn", which name joints, too
-    "deg", "degree", "degrees", "mdeg", "rad", "radian", "radians", "mrad", "revs", "revolutions", "turns", "rpm",
-    "dps", "radps", "mm", "cm", "um", "micron", "microns", "metre", "metres", "meter", "meters", "mps", "mnm",
-    "percent", "pct",
+    "deg", "degree", "degrees", "mdeg", "cdeg", "centideg", "centidegrees", "rad", "radian", "radians", "mrad", "revs",
+    "revolutions", "turns", "rpm", "dps", "radps", "mm", "cm", "um", "micron", "microns", "metre", "metres", "meter",
+    "meters", "inch", "inches", "mps", "mnm", "ncm", "percent", "pct",
 }  # fmt: skip
 WORDS = _WORDS | _COUNTED  #: units of names without brackets
 _TELL = {"angular speed": "velocity", "speed": "velocity", "torque": "torque", "force": "torque"}

@@ -13,16 +13,21 @@ from cmbrl.numbers import shown
 if TYPE_CHECKING:
     from cmbrl.scene import Scene
 
-TURN_UNITS = {"rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "mrad": 1e-3, "mdeg": math.pi / 180e3}
+TURN_UNITS = {
+    "rad": 1.0, "deg": math.pi / 180, "rev": 2 * math.pi, "mrad": 1e-3, "mdeg": math.pi / 180e3, "cdeg": math.pi / 18e3,
+}  # fmt: skip
+LENGTH_UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "in": 0.0254}
 UNITS: dict[str, dict[str, float]] = {
     "angle": TURN_UNITS,
-    "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6},
+    "length": LENGTH_UNITS,
     "angular speed": {
         **{f"{unit}/s": factor for unit, factor in TURN_UNITS.items()}, "rpm": 2 * math.pi / 60, **TURN_UNITS,
     },
-    "speed": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "um/s": 1e-6, "m": 1.0, "mm": 1e-3, "cm": 1e-2, "um": 1e-6},
-    "torque": {"N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3},
-    "force": {"N": 1.0},
+    "speed": {**{f"{unit}/s": factor for unit, factor in LENGTH_UNITS.items()}, **LENGTH_UNITS},
+    "torque": {
+        "N m": 1.0, "Nm": 1.0, "mN m": 1e-3, "mNm": 1e-3, "N cm": 1e-2, "Ncm": 1e-2, "kN m": 1e3, "kNm": 1e3,
+    },
+    "force": {"N": 1.0, "kN": 1e3},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
     "number": {},
     "episode": {},
