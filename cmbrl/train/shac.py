@@ -20,7 +20,7 @@ from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.mdp import MDP
 from cmbrl.models.protocol import Model
 from cmbrl.settings import setting
-from cmbrl.train.policies.limits import at_limits, slope
+from cmbrl.train.policies.limits import Pinned, at_limits, slope
 from cmbrl.train.policies.policy import Architecture, Policy
 from cmbrl.train.windows.config import WindowConfig, decayed
 from cmbrl.train.windows.critic import BETAS, Critic, check_discount, finite
@@ -55,9 +55,10 @@ class SHACConfig(WindowConfig):
         "cost of a step for the square of what the net's output exceeds +-1 by, before tanh, in units of reward",
         least=0,
     )
-    least_slope: float = setting(
-        0.0,
-        "of tanh to gradients, but to those that press an action at its limit further; 0: tanh's own, try 0.2",
+    least_slope: float | None = setting(
+        None,
+        "of tanh to gradients, but to those that press an action at its limit further; 0: tanh's own; none: 0.2 while "
+        "most actions are at their limits",
         least=0,
         most=1,
     )
@@ -95,7 +96,13 @@ class SHAC(WindowLearner):
             generator=generator,
             critic=generator,
         )
+        self.pinned = Pinned()
         self._steps: list[Step] = []
+
+    @property
+    def least_slope(self) -> float:
+        """Of the present update."""
+        return self.pinned.slope if self.config.least_slope is None else self.config.least_slope
 
     def gradient(self, progress: float) -> dict[str, float]:
         """Rolls a window and leaves its clipped gradient in the policy; see the base class."""
@@ -112,7 +119,8 @@ class SHAC(WindowLearner):
             "at_limits": at_limits([step.action for step in self._steps]),
         }
         if self.iteration % self.config.variance_every == 0:
-            metrics["gradient_variance"] = gradient_variance(self.policy, self._steps, self.config.least_slope)
+            metrics["gradient_variance"] = gradient_variance(self.policy, self._steps, self.least_slope)
+        self.pinned.take(metrics["at_limits"])
         return metrics
 
     def step(self, progress: float) -> dict[str, float]:
@@ -128,17 +136,27 @@ class SHAC(WindowLearner):
         steps, self._steps = self._steps, []
         return {"critic_loss": self.critic.fit(steps)}
 
+    def state(self) -> dict[str, Any]:
+        """As in the base class, and how pinned its actions are."""
+        return super().state() | {"pinned": self.pinned.share}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """As in the base class."""
+        super().restore(state)
+        self.pinned = Pinned(state["pinned"])
+
     def roll(self, progress: float) -> list[Step]:
         """A window from where the last one ended, with the graph of this window alone."""
         c, simulation = self.config, self.simulation
         std = c.noise_std(progress)
         simulation.detach()
+        least = self.least_slope
         noise = std * torch.randn(self.horizon, c.environments, self.mdp.actions, generator=self.generator)
         moves = []
         with self.policy.held():
             for k in range(self.horizon):
                 observation = simulation.observe()
-                action = Usable.apply(self.policy.sample(observation.float(), noise[k], c.least_slope), self.lost)
+                action = Usable.apply(self.policy.sample(observation.float(), noise[k], least), self.lost)
                 action.retain_grad()
                 moves.append(simulation.move(observation, action))
                 simulation.q, simulation.v = Tamed.apply(simulation.q, simulation.v, c.tame, self.lost)

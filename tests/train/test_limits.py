@@ -12,7 +12,7 @@ import torch
 import cmbrl
 from cmbrl.gradients.per_sample import per_sample_gradients
 from cmbrl.mdp import never, uniform
-from cmbrl.train.policies.limits import Bounded, at_limits, slope
+from cmbrl.train.policies.limits import SLOPE, Bounded, Pinned, at_limits, slope
 from cmbrl.train.recipe import window
 from cmbrl.train.shac import SHAC, SHACConfig, at_drive
 
@@ -65,6 +65,29 @@ def test_gradients_of_pinned_policies_are_those_of_their_actions(least: float, t
     torch.testing.assert_close(rows.sum(dim=0), whole, rtol=1e-3, atol=1e-5 * float(whole.abs().max()))
 
 
+def test_the_least_slope_acts_while_a_policy_is_pinned(tmp_path: Path) -> None:
+    """By default; not from a few updates alone, and a run that is resumed knows."""
+    model = cmbrl.ComplementarityModel(slider.scene(tmp_path), time_step=slider.DT)
+    config = SHACConfig(environments=4, horizon=2, actor_hidden=(8,), critic_hidden=(8,))
+    trainer, other = (SHAC(slider.mdp(), model, config, seed=0) for _ in range(2))
+    assert trainer.least_slope == 0.0
+    with torch.no_grad():
+        trainer.policy.net[-1].bias.fill_(6.0)
+    slopes = []
+    for _ in range(40):
+        trainer.update()
+        slopes.append(trainer.least_slope)
+    assert slopes[:5] == [0.0] * 5
+    assert slopes[-1] == SLOPE
+    other.restore(trainer.state())
+    assert other.least_slope == SLOPE
+    assert SHAC(slider.mdp(), model, replace(config, least_slope=0.0), seed=0).least_slope == 0.0
+    pinned = Pinned(1.0)
+    for _ in range(40):
+        pinned.take(0.1)
+    assert pinned.slope == 0.0
+
+
 @pytest.mark.slow
 def test_a_pendulum_with_a_weak_motor_swings_up_and_stays(tmp_path: Path) -> None:
     """Its motor holds a fifth of its weight. Pinned at full torque it spins, and earns .54 a step at best."""
@@ -82,7 +105,7 @@ def test_a_pendulum_with_a_weak_motor_swings_up_and_stays(tmp_path: Path) -> Non
     model = cmbrl.ComplementarityModel(cmbrl.Scene.from_mjcf(path), time_step=0.02)
     config = SHACConfig(
         iterations=300, environments=128, noise_linear=0.05, noise_angular=0.16, critic_hidden=(64, 64),
-        least_slope=0.2, **window(mdp),
+        **window(mdp),
     )  # fmt: skip
     trainer = SHAC(mdp, model, config, seed=0)
     for _ in range(config.iterations):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-PINNED = 0.6  # share of actions: machines that should swing up hung or spun above it, and did so mostly below it
+from cmbrl.train.policies.limits import PINNED
 
 
 def commands_text(told: Mapping[str, Any]) -> str:
@@ -65,7 +65,7 @@ def pinned_text(row: Mapping[str, float]) -> str:
         return ""
     return (
         f"{100 * share:.0f} % of its actions are at their limits, from where it learns little: if it earns too little, "
-        f"train longer (--iterations) or try --set least_slope=0.2"
+        f"train longer (--iterations)"
     )
 
 
