@@ -59,7 +59,7 @@ class CartScene:
         self.core = SimpleNamespace(**{
             "nbody": n, "nv": n, "P": physical, "layout": layout,
             "body_parent": np.full(n, -1), "con_bodyA": np.empty(0, int), "con_bodyB": np.empty(0, int),
-            "con_law": np.empty(0, int), "con_type": np.empty(0, int), "nweight": 0,
+            "con_law": np.empty(0, int), "con_type": np.empty(0, int), "nweight": 0, "ntie": 0,
             "jnt_type": np.zeros(n, int), "jnt_body": np.arange(n), "jnt_qadr": np.arange(n), "jnt_vadr": np.arange(n),
             "act_line": np.arange(n), "act_ctrl": np.tile([-np.inf, np.inf], (n, 1)),
             "wide_act": np.empty(0, int), "par_idx": np.array([*places, layout.gravity]),
