@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -12,6 +13,7 @@ from cmbrl.scene import Scene
 from cmbrl.scene.forces.actuators import UNLIMITED
 from cmbrl.scene.info.inventory import to_dict
 from cmbrl.scene.info.report import describe
+from cmbrl.scene.writing.fitted_file import fitted_file
 
 from .cart_arm import VALUES, WORLD, column, scene_with
 from .conftest import Load
@@ -197,3 +199,23 @@ def test_a_token_in_the_file_bounds_nothing(load: Load) -> None:
     few, none = ({p.name: p for p in scene_with(load, damping=x).parameters}["damping.x"] for x in (1e-4, 0.0))
     assert few.high == pytest.approx(none.high)
     assert np.log(few.high / few.low) / few.reach == pytest.approx(np.log(400.0))
+
+
+def test_what_thrusters_push_may_be_dragged(load: Load) -> None:
+    """In speed and in turning, as by dof_damping of MuJoCo. A file has one number for both."""
+    body = '<body name="frame" pos="0 0 1">{}<geom size=".1" mass="2"/><site name="rotor"/></body>'
+    quad, thrust = body.format('<freejoint name="root"/>'), '<actuator><motor site="rotor" gear="0 0 1"/></actuator>'
+    scene, model = load(quad, thrust)
+    theta = scene.parameter_vector()
+    places = [column(scene, name) for name in ("drag.root", "turning_drag.root")]
+    assert [scene.parameters[k].high for k in places] == pytest.approx([10.0, 5 * 0.4 * 2 * 0.1**2])
+    theta[places] = model.dof_damping[0], model.dof_damping[3] = 0.4, 0.02
+    model.dof_damping[:] = np.repeat(theta[places], 3)
+    np.testing.assert_allclose(scene.physical_vector(theta), Scene.from_mjcf(model).core.P)
+    file = fitted_file(scene, theta)
+    assert file.missing == ("drag.root", "turning_drag.root")
+    assert not mujoco.MjModel.from_xml_string(file.text).dof_damping.any()
+    theta[places] = 0.02
+    assert fitted_file(scene, theta).missing == ()
+    for world, rest in ((quad, ""), (body.format('<joint name="root" type="free" damping=".1"/>'), thrust)):
+        assert not [p for p in load(world, rest)[0].parameters if "drag" in p.group]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -41,7 +41,8 @@ def offer_joints(
 ) -> None:
     """Joint parameters that are nonzero in the file; damping, armature and friction loss also where they are zero.
 
-    Floating bases, which have none of these, are left out there. Of a play, its gap: the rest is the driven joint's.
+    Floating bases, which have none of these, are left out there; what thrusters push through air or water is dragged.
+    Of a play, its gap: the rest is the driven joint's.
     """
     by_source: dict[int, list[Joint]] = {}
     free = plays(tree.joints)
@@ -63,11 +64,40 @@ def offer_joints(
                 out.add(field, name, value, value / _TIMES, value * _TIMES, unit, indices, reach=float(reach))
             elif high > 0 and not floating(tree, joints[0], actuators):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
+    _offer_drag(model, by_source, actuators, bounds["damping"], layout, P, out)
     _offer_gaps(model, free, layout, out)
     _offer_stops(model, [joint for joints in by_source.values() for joint in joints], layout, out)
     every = [joint for joints in by_source.values() for joint in joints]
     own = [j for j in every if j.kind != JointKind.BALL and not floating(tree, j, actuators)]
     _offer_friction_laws(own, bounds["frictionloss"], layout, P, out)
+
+
+def _offer_drag(
+    model: mujoco.MjModel,
+    by_source: Mapping[int, Sequence[Joint]],
+    actuators: Sequence[Actuator],
+    bounds: Array,
+    layout: Layout,
+    P: Array,
+    out: Collector,
+) -> None:
+    """What brakes the speed and the turning of a free body that an actuator pushes, where its file has no damping.
+
+    Rotors, ducts and hulls drag by far more than the boxes of MuJoCo's fluids do. A free joint of an MJCF has one
+    number for both, whose units differ.
+    """
+    pushed = [a.reach for a in actuators if a.reach and a.gear and a.reach.grips is None]
+    for source, joints in by_source.items():
+        dofs = [d for joint in joints for d in joint.dofs]
+        thrust = any(r.body == joints[0].body or not set(r.dofs).isdisjoint(dofs) for r in pushed)
+        if int(model.jnt_type[source]) != mujoco.mjtJoint.mjJNT_FREE or not thrust:
+            continue
+        slides = [d for joint in joints if joint.kind == JointKind.SLIDE for d in joint.dofs]
+        turns = [d for d in dofs if d not in slides]
+        for group, along, unit in zip(("drag", "turning_drag"), (slides, turns), _UNITS["damping"], strict=True):
+            places = [layout.dof(d, "damping") for d in along]
+            if along and not P[places].any() and (high := float(bounds[along].max())) > 0:
+                out.add(group, joints[0].name, 0.0, 0.0, high, unit, places)
 
 
 def _offer_stops(model: mujoco.MjModel, joints: Sequence[Joint], layout: Layout, out: Collector) -> None:

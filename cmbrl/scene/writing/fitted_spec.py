@@ -41,15 +41,19 @@ class FittedSpec(FittedContacts):
         """Joints and tendons. What actuators reflect into them goes there, because fitted gears would scale it."""
         model, layout = self.model, self.scene.layout
         reflected = self._take_reflected()
-        joints = {joint.source: joint.dofs[0] for joint in reversed(self.scene.joints)}
+        joints: dict[int, list[int]] = {}
+        for joint in self.scene.joints:
+            joints.setdefault(joint.source, []).extend(joint.dofs)
         tendons = [name_of(model, "tendon", k) for k in range(model.ntendon)]
-        lines = [(self._element("joints", source), dof) for source, dof in joints.items()]
+        lines = [(self._element("joints", source), dofs[0]) for source, dofs in joints.items()]
         for k, name in enumerate(self.scene.tendon_names):
             lines.append((self._element("tendons", tendons.index(name)), self.scene.nv + k))
+        uneven = {dofs[0]: dofs for dofs in joints.values() if len(dofs) > 1}
         for element, line in lines:
             for field in ("armature", "damping", "stiffness", "frictionloss"):
                 added = self.change[layout.dof(line, field)] + reflected.get((line, field), 0.0)
-                if added:
+                alike = np.ptp([self.change[layout.dof(d, field)] for d in uneven.get(line, [line])]) == 0.0
+                if added and alike:  # a joint of several dofs has one number for all
                     _add(element, field, added)
             if wider := self.change[layout.dof(line, "wider")]:
                 _widen(element, wider, line < self.scene.nv and bool(self.spec.compiler.degree))
