@@ -219,3 +219,6 @@ def test_what_thrusters_push_may_be_dragged(load: Load) -> None:
     assert fitted_file(scene, theta).missing == ()
     for world, rest in ((quad, ""), (body.format('<joint name="root" type="free" damping=".1"/>'), thrust)):
         assert not [p for p in load(world, rest)[0].parameters if "drag" in p.group]
+    joints = '<joint name="x" type="slide" axis="1 0 0"/><joint name="yaw" axis="0 0 1"/>'
+    puck = load(quad.replace('<freejoint name="root"/>', joints), thrust)[0]
+    assert [p.name for p in puck.parameters if p.group == "damping"] == ["damping.x", "damping.yaw"]

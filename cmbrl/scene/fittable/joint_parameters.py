@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -62,9 +62,12 @@ def offer_joints(
                 token = high > _TIMES**2 * value  # then it bounds nothing, as where the file has none
                 reach = np.log(high / value) / np.log(_TIMES) if token else 1.0
                 out.add(field, name, value, value / _TIMES, value * _TIMES, unit, indices, reach=float(reach))
-            elif high > 0 and not floating(tree, joints[0], actuators):
+            elif high <= 0:
+                continue
+            elif field == "damping" and thrust(joints[0], actuators):
+                _offer_drag(name, joints, bounds[field], layout, out)
+            elif not floating(tree, joints[0], actuators):
                 out.add(field, name, 0.0, 0.0, high, unit, indices)
-    _offer_drag(model, by_source, actuators, bounds["damping"], layout, P, out)
     _offer_gaps(model, free, layout, out)
     _offer_stops(model, [joint for joints in by_source.values() for joint in joints], layout, out)
     every = [joint for joints in by_source.values() for joint in joints]
@@ -72,32 +75,24 @@ def offer_joints(
     _offer_friction_laws(own, bounds["frictionloss"], layout, P, out)
 
 
-def _offer_drag(
-    model: mujoco.MjModel,
-    by_source: Mapping[int, Sequence[Joint]],
-    actuators: Sequence[Actuator],
-    bounds: Array,
-    layout: Layout,
-    P: Array,
-    out: Collector,
-) -> None:
-    """What brakes the speed and the turning of a free body that an actuator pushes, where its file has no damping.
+def thrust(joint: Joint, actuators: Sequence[Actuator]) -> bool:
+    """Whether an actuator pushes the body of a joint itself, as a propeller or a nozzle does, or along all its dofs."""
+    reaches = [a.reach for a in actuators if a.reach and a.gear and a.reach.grips is None]
+    return any(r.body == joint.body or not set(r.dofs).isdisjoint(joint.dofs) for r in reaches)
+
+
+def _offer_drag(name: str, joints: Sequence[Joint], bounds: Array, layout: Layout, out: Collector) -> None:
+    """What brakes the speed and the turning of a body that an actuator pushes, where its file has no damping.
 
     Rotors, ducts and hulls drag by far more than the boxes of MuJoCo's fluids do. A free joint of an MJCF has one
-    number for both, whose units differ.
+    number for both, whose units differ; a slide or a hinge has its own.
     """
-    pushed = [a.reach for a in actuators if a.reach and a.gear and a.reach.grips is None]
-    for source, joints in by_source.items():
-        dofs = [d for joint in joints for d in joint.dofs]
-        thrust = any(r.body == joints[0].body or not set(r.dofs).isdisjoint(dofs) for r in pushed)
-        if int(model.jnt_type[source]) != mujoco.mjtJoint.mjJNT_FREE or not thrust:
-            continue
-        slides = [d for joint in joints if joint.kind == JointKind.SLIDE for d in joint.dofs]
-        turns = [d for d in dofs if d not in slides]
-        for group, along, unit in zip(("drag", "turning_drag"), (slides, turns), _UNITS["damping"], strict=True):
-            places = [layout.dof(d, "damping") for d in along]
-            if along and not P[places].any() and (high := float(bounds[along].max())) > 0:
-                out.add(group, joints[0].name, 0.0, 0.0, high, unit, places)
+    slides = [d for joint in joints if joint.kind == JointKind.SLIDE for d in joint.dofs]
+    turns = [d for joint in joints if joint.kind != JointKind.SLIDE for d in joint.dofs]
+    groups = ("drag", "turning_drag") if slides and turns else ("damping", "damping")
+    for group, dofs, unit in zip(groups, (slides, turns), _UNITS["damping"], strict=True):
+        if dofs and (high := float(bounds[dofs].max())) > 0:
+            out.add(group, name, 0.0, 0.0, high, unit, [layout.dof(d, "damping") for d in dofs])
 
 
 def _offer_stops(model: mujoco.MjModel, joints: Sequence[Joint], layout: Layout, out: Collector) -> None:
