@@ -16,16 +16,8 @@ from .robots import arm_file
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("importing")
-    arm_file(folder, servo=True)
-    arm_file(folder, servo=False)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def scene(place: Path) -> Scene:
-    return Scene.from_mjcf(place / "arm_servo.xml")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    return Scene.from_mjcf(arm_file(tmp_path_factory.mktemp("columns"), servo=True))
 
 
 @pytest.mark.parametrize(
